@@ -238,7 +238,7 @@ kernel = compiled()
 def cache_root() -> Path | None:
     """The folder in which compiled code is kept; None, with a warning, if no folder can be written to.
 
-    The folder is inside NUMBA_CACHE_DIR if the user has set it, else beside our compiled modules, else in the user's
+    The folder is inside NUMBA_CACHE_DIR if the user has set it, else next to our compiled modules, else in the user's
     cache folder.
     """
     for place in _places():

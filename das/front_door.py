@@ -191,11 +191,11 @@ def plot(
 ) -> Picture:
     """Draw one run or several over each other, or one front or several, as a picture that a notebook shows.
 
-    A run is a solution, a trajectory, a planned journey, or a day or drive of `sim`. Over the "distance" (the default)
-    or the "time" since its beginning, the picture has the speed with the limit and the names of stops, and, as far as
-    known, altitude, wheel forces, energy, the windows of a journey. Fronts are drawn over the "buffer" or the "time".
-    `labels` are the names in the order of drawing; without it the names state the differences. `save` also writes the
-    picture (.png, .pdf or .svg; existing files are not replaced).
+    A run is a solution, a trajectory, a planned journey, or a simulated run or drive of `sim`. Over the "distance" (the
+    default) or the "time" since its beginning, the picture has the speed with the limit and the names of stops, and, as
+    far as known, altitude, wheel forces, energy, the windows of a journey. Fronts are drawn over the "buffer" or the
+    "time". `labels` are the names in the order of drawing; without it the names state the differences. `save` also
+    writes the picture (.png, .pdf or .svg; existing files are not replaced).
 
     Raises InputError for anything else to draw, for an unknown axis or a wrong number of labels, and DasError if
     matplotlib is not installed or the file cannot be written.

@@ -32,7 +32,7 @@ from das.solver.solution import Fit
 
 SCHEMA_VERSION: Final = 4
 MOST_BYTES: Final = 20_000_000
-"""Largest table that is read (bytes); that of a section of 30 km has about 0.2 MB."""
+"""Largest table that is read (bytes); the table of a section of 30 km has about 0.2 MB."""
 LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"
@@ -58,7 +58,7 @@ _TEXT: Test = ("a string", lambda x: isinstance(x, str))
 _NUMBER_OR_NULL: Test = ("a finite number or null", lambda x: x is None or _is_number(x))
 _FIT: Test = ("one of " + ", ".join(Fit), lambda x: x in list(Fit))
 _LIST: Test = ("a list that is not empty", lambda x: isinstance(x, list) and len(x) > 0)
-_TABLE: Test = ("a table of keys", lambda x: isinstance(x, dict))
+_TABLE: Test = ("an object", lambda x: isinstance(x, dict))
 _TOP: Mapping[str, Test] = {
     "key": _TEXT,
     **dict.fromkeys(("front", "references"), _LIST),
@@ -68,7 +68,7 @@ _TOP: Mapping[str, Test] = {
 _SECTION: Mapping[str, Test] = {
     **dict.fromkeys(("route", "from", "to", "train", "level"), _TEXT),
     **dict.fromkeys(("start_m", "end_m", "mass_kg", "length_m"), _NUMBER),
-    "braking": ("a table of keys or null", lambda x: x is None or isinstance(x, dict)),
+    "braking": ("an object or null", lambda x: x is None or isinstance(x, dict)),
 }
 _POINT: Mapping[str, Test] = {
     "buffer_percent": _NUMBER_OR_NULL,

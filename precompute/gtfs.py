@@ -95,7 +95,7 @@ MOST_BYTES = {"stop_times.txt": 3_000_000_000, "shapes.txt": 1_000_000_000}
 MOST_BYTES_OF_TABLE = 100_000_000
 """Largest unpacked size (bytes) of every other table."""
 SWELLING, SWELLS_FROM_BYTES = 100.0, 1_000_000
-"""Compression factor above which a table of at least that size (bytes) is rejected."""
+"""Largest compression factor of a table of at least `SWELLS_FROM_BYTES`; beyond it the table is rejected."""
 LONGEST_LINE = 100_000
 """Longest row of a table (bytes)."""
 

@@ -54,9 +54,9 @@ class TimesRead:
 
 
 NEAR_M = 500.0
-"""Distance (m) within which a stop of the feed is at a stop or a point of the route."""
+"""Largest distance (m) of a stop of the feed from its stop or point of the route."""
 FAR_M = 5000.0
-"""Distance (m) beyond which a stop of the route with the same name is a different stop."""
+"""Largest distance (m) of a stop of the route with the same name; beyond it, it is a different stop."""
 OFF_SHAPE_M = 1000.0
 """Largest distance (m) of a stop from a shape that counts as the path of the train."""
 ROUNDED_S = 59.0

@@ -133,7 +133,7 @@ def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
 
 HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
-"""Difference (m/s) below which a speed equals the one reached before, and least time (s) of a held speed."""
+"""Smallest difference (m/s) between a speed and the one reached before, and least time (s) of a held speed."""
 NEAR_M, AT_M = 1500.0, 60.0
 """Distances (m) from a board or tunnel: within `NEAR_M` a place is named by it; within `AT_M` it is "at" it."""
 STRIP, LABEL = (600.0, 84.0), 15.0

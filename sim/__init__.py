@@ -1,4 +1,4 @@
-"""The simulator as a library: days driven in closed loop by a simulated train, driver and adviser.
+"""The simulator as a library: runs in closed loop of a simulated train, driver and adviser.
 
     >>> import sim
     >>> day = sim.run_day("clear-day", seed=1, driver="perfect")

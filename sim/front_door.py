@@ -151,8 +151,8 @@ def record_day(
 ) -> Drive:
     """Simulate a run like `run_day`, but with the advice node and the recorder as processes, into a recording `out`.
 
-    The parameters are those of `run_day`. The recording can be reviewed, compared, reported and used for what-ifs.
-    Raises what `run_day` raises, and DasError if `out` cannot be written or exists, or if a process fails.
+    The parameters are as in `run_day`. The recording can be reviewed, compared, reported and used for what-ifs. Raises
+    what `run_day` raises, and DasError if `out` cannot be written or exists, or if a process fails.
 
         drive = sim.record_day("departure-delay", "day.mcap", seed=3)
     """

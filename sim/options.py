@@ -184,7 +184,7 @@ class WhatIfKind(StrEnum):
     OPEN_LOOP = "open loop"
     """The drive stays as it was recorded; only the advice on it is different."""
     DRIVEN_ANEW = "driven anew"
-    """A simulated driver drives again, on a day with the recorded disturbances."""
+    """A simulated driver drives again, with the recorded disturbances."""
 
 
 def typed_command() -> str:

@@ -26,11 +26,11 @@ STOP_SLACK_M = 1.0
 SPEED_SLACK_MPS = 0.2
 """Largest excess over a lower limit (m/s) at which braking may end: a driver cannot read a smaller difference."""
 ABOVE_MPS = 0.2
-"""Excess over the planned speed (m/s) above which a train has to brake."""
+"""Largest excess (m/s) over the planned speed at which a train need not brake."""
 LEVEL_MPS = 1e-6
-"""Decrease of speed over an interval (m/s) below which a braking curve counts as level."""
+"""Decrease (m/s) of the speed over an interval; with a smaller one a braking curve counts as level."""
 BEGINS_MPS = 0.05
-"""Decrease of speed ahead (m/s) above which a braking curve counts as falling."""
+"""Decrease (m/s) of the speed ahead; with a larger one a braking curve counts as falling."""
 BACK_IN_S = 4.0
 """Time (s) in which a train above a limit is braked back to it."""
 LEAST_MPS2 = 0.02
@@ -38,9 +38,9 @@ LEAST_MPS2 = 0.02
 BRAKED_MORE = 1.1
 """Factor by which a train above its plan brakes harder than needed, so that it need not brake harder later."""
 AT_MARK_M = 10.0
-"""Distance from a stop (m) below which the driver sees the mark, whatever the uncertainty of the position."""
+"""Distance (m) from a stop at which the driver sees the mark, however uncertain the position is."""
 ALIKE = 0.9
-"""Share of the largest needed effort above which the places that need it count as equally demanding."""
+"""Share of the largest needed effort; places that need at least so much count as equally demanding."""
 RIVALS = 0.8
 """Share of the largest deceleration needed, with the brake built up, above which an effort is computed."""
 

@@ -29,7 +29,7 @@ HORIZON_S: Final = 30
 MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
-"""Driving time left (s) below which no buffer ratio is given, because it would be meaningless."""
+"""Shortest remaining driving time (s) for which a buffer ratio is given; for a shorter one it is meaningless."""
 LATE_S = 2.0
 """Longest time (s) that a driver may take to follow what is shown."""
 NEXT_S = 1.0
@@ -61,7 +61,7 @@ class Scene(NamedTuple):
 
 
 class Display:
-    """Builds each advice and remembers what it showed, so that modes and speeds stay long enough to be read."""
+    """Builds each advice message and keeps modes and speeds on the display long enough to be read."""
 
     def __init__(self) -> None:
         self._mode, self._mode_since_ns, self._force_n = Regime.NONE, 0, 0.0
@@ -212,7 +212,7 @@ class Display:
         return mode
 
     def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
-        """The mode to show and the next change: those of the guide if its instruction is due, else of the plan."""
+        """The mode to show and the next change: the guide's if its instruction is due, else the plan's."""
         guide = scene.guide
         if guide is not None and guide.now.mode is not Regime.DEPART and guide.now.in_s <= 0.0:
             return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
@@ -310,7 +310,7 @@ def _buffer_ratio(scene: Scene) -> float:
 def braked_enough(
     mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
 ) -> tuple[Regime, float]:
-    """The mode and force (N) to show: those given, or braking that is due soon or that a too fast train needs."""
+    """The mode and force (N) to show: those given, or braking that is due soon or needed because of excess speed."""
     ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2

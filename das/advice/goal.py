@@ -13,11 +13,11 @@ from das.domain.units import NS
 LONGEST_RATIO: Final = 2.5
 """Longest plan as a multiple of the least time from its state: with more time left, the train waits at the stop."""
 AT_END_M: Final = 1.0
-"""Distance from the end of the section (m) below which nothing more is planned: the train is to stop."""
+"""Last distance (m) before the end of the section, over which nothing is planned: the train is to stop."""
 AT_STOP_M: Final = 50.0
 """Distance (m) within which a standing train is at a stop; a train further beyond has run past it."""
 OVERSPEED_MPS: Final = 0.5
-"""Excess over the allowed speed (m/s) above which the driver is told that the train is too fast."""
+"""Largest excess (m/s) over the allowed speed without a warning that the train is too fast."""
 OVERSPEED_ENDS_MPS: Final = 0.15
 """Excess over the allowed speed (m/s) down to which a train that was too fast is still called too fast."""
 COASTS_IN_S: Final = 5.0
@@ -42,7 +42,7 @@ class PassingTarget:
             raise DasError(f"target at {self.s_m:.0f} m: the latest time is before the earliest")
 
     def window(self, now_ns: int) -> Window:
-        """The window in which to pass it (s from now)."""
+        """The window (s from now) in which to pass the point."""
         earliest_s = -math.inf if self.earliest_ns is None else (self.earliest_ns - now_ns) * NS
         latest_s = math.inf if self.latest_ns is None else (self.latest_ns - now_ns) * NS
         return Window(earliest_s=earliest_s, latest_s=latest_s)
@@ -81,9 +81,9 @@ class Goal:
     """The times that the train has to keep on a section.
 
     `departure_ns` and `due_ns` are departure and arrival by the timetable (ns since 1970; 0: none). `target_ns` is the
-    arrival that traffic management wants (None: that of the timetable). `passing` is the next point that must be passed
-    in a window of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`:
-    punctuality counts at the stop ahead, as at the last stop of a journey; at other stops, an early train waits.
+    arrival that traffic management wants (None: `due_ns`). `passing` is the next point that must be passed in a window
+    of time, `operator_delay_s` the delay that the operator stated; None if there is none. `counts`: punctuality counts
+    at the stop ahead, as at the last stop of a journey; at other stops, an early train waits.
     """
 
     departure_ns: int = 0
@@ -95,7 +95,7 @@ class Goal:
 
     @property
     def arrival_ns(self) -> int:
-        """The arrival to aim at (ns since 1970): that of traffic management, else that of the timetable."""
+        """The arrival to aim at (ns since 1970): traffic management's, else the timetable's."""
         return self.target_ns if self.target_ns is not None else self.due_ns
 
     def left_s(self, now_ns: int) -> float:

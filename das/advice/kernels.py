@@ -175,8 +175,8 @@ def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
     most = largest_effort(v, p)
     if low_w <= 0.5 * NEAR_W or most <= 0.0:
         return 0.0
-    # First the effort that takes up the energy left, at the mean speed; then by the secant, a little beyond it so that
-    # the two last efforts enclose the one sought, and between them by false position (Illinois).
+    # First guess: the effort that removes the surplus energy, at the mean speed. Then secant steps, a little too far,
+    # until the last two efforts enclose the solution; then false position (Illinois).
     effort = p.inertial_mass_kg * low_w / (2.0 * (to_m - s)) / full_effort(max(0.5 * (v + target), 0.1), p)
     high, high_w, side = math.inf, 0.0, 0
     for _ in range(TRIES):

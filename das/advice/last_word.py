@@ -44,7 +44,7 @@ SDS_AHEAD = 2.0
 BY_EYE_M = 10.0
 """Distance (m) from which the driver sees the mark: nearer to it, the estimated position counts."""
 HELD_ABOVE_MPS = 1.0
-"""Largest excess over the allowed speed (m/s) at which a driver may be told to hold a lower speed and not to brake."""
+"""Largest excess (m/s) over the allowed speed at which the advice may be to hold a lower speed and not to brake."""
 BACK_IN_S = 5.0
 """Time (s) in which strong enough braking brings a train back under a limit."""
 FULL_RATIO = 0.97
@@ -86,7 +86,7 @@ class Act(NamedTuple):
 
 
 class LastWord:
-    """Judges each advice by itself; only the braking model of the last section and train is remembered."""
+    """Checks each advice message by itself; only the braking model of the last section and train is remembered."""
 
     def __init__(self) -> None:
         self._basis: BrakingBasis | None = None
@@ -111,7 +111,7 @@ class LastWord:
 
 
 class _Judgement:
-    """The judgement of one advice, part by part; it collects the replacements."""
+    """The check of one advice message, part by part; it collects the replacements."""
 
     def __init__(self, advice: Advice, here: Estimate, model: BrakingModel) -> None:
         self._advice, self._model = advice, model
@@ -413,7 +413,7 @@ class _Judgement:
     def _unavailable(self, force_n: float, v_mps: float) -> Excess | None:
         """An excess if the train does not have this force (N) at the speed `v_mps`, so that no driver can apply it.
 
-        The forces are those of this very speed: at a step of an effort curve, the table's may be a tenth off.
+        The forces are computed for this very speed: at a step of an effort curve, the table may be a tenth off.
         """
         vehicle = self._model.vehicle
         most_n = float(vehicle.traction_effort_n(v_mps) if force_n > 0 else vehicle.brake_effort_n(v_mps))

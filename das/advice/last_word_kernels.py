@@ -112,7 +112,7 @@ def _deceleration(places, forces, mass, most, i, w):
 
 @kernel
 def asked(forces, doing, v):
-    """The force (N) of an instruction at a speed; a braking force may grow as that of the electric brake does."""
+    """The force (N) of an instruction at a speed; a braking force may grow with the force of the electric brake."""
     grows = doing[1] < 0.0 and doing[4] > 0.0
     return doing[1] * force_at(forces, ELECTRIC, v) / doing[4] if grows else doing[1]
 

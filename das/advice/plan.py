@@ -17,7 +17,7 @@ from das.solver.solution import Solution
 IDLE_EFFORT_RATIO: Final = 0.02
 """Share of the largest traction force below which a force counts as none."""
 CRUISE_ACCELERATION_MPS2: Final = 0.02
-"""Change of speed (m/s²) below which a train counts as holding its speed."""
+"""Acceleration (m/s²) below which a train counts as holding its speed."""
 RIPPLE_MPS: Final = 2.0 * KMH
 """Range of speeds (m/s) that counts as one speed to hold: drivers do not hold a speed more closely."""
 HOLD_S: Final = 3.0

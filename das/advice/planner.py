@@ -39,15 +39,15 @@ LONGEST_AGE_S: Final = 60.0
 TOLERANCE_S: Final = 0.2
 """Largest difference (s) between a plan's arrival and the wanted one."""
 BRAKED_EARLY_S: Final = 5.0
-"""Least time (s) saved for which a driver who braked early for a limit or stop is told to speed up again."""
+"""Least time (s) saved for which the advice to a driver who braked early for a limit or stop is to speed up."""
 BRAKING_AHEAD_MPS2: Final = 0.25
-"""Needed deceleration (m/s²) above which a limit or stop ahead counts as being braked for."""
+"""Needed deceleration (m/s²) that shows that the train already brakes for a limit or stop ahead."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0
-"""Shortfall below the planned speed (m/s) before a limit or stop above which a driver has braked early."""
+"""Shortfall (m/s) below the planned speed that shows that a driver has braked early for a limit or stop."""
 OVERSPEED_EASED_MPS: Final = 1.0
 """Largest excess over the planned braking curve (m/s) with which a plan starts on the curve, without hard braking."""
 PASSED_M: Final = 5.0
-"""Distance ahead (m) below which a point counts as passed: too near for a plan to change when it is passed."""
+"""Distance (m) to a point that counts as passed: it is too near for a plan to change the time of passing."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

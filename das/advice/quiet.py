@@ -15,25 +15,25 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.section import Section
 
 BRAKES_MPS2: Final = 0.2
-"""Deceleration (m/s²), beyond that of gradient and resistance, above which a driver counts as braking."""
+"""Deceleration (m/s²), in addition to gradient and resistance, that shows that a driver brakes."""
 BRAKES_S: Final = 3.0
 """Time (s) for which that deceleration, the mean since the brake began, must last."""
 STEADY_RATIO: Final = 0.5
 """Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump of speed lasts only one."""
 HOLDS_MPS: Final = 5.0 * KMH
-"""Loss of speed (m/s) above which braking contradicts an instruction to hold a speed; less is a correction."""
+"""Largest loss of speed (m/s) that is a correction; a larger one contradicts an instruction to hold a speed."""
 RELEASED_MPS2: Final = 0.1
-"""Deceleration (m/s²) beyond that of gradient and resistance up to which the brake counts as released."""
+"""Deceleration (m/s²), in addition to gradient and resistance, up to which the brake counts as released."""
 RELEASED_S: Final = 2.0
 """Time (s) over which that deceleration is averaged, so that the noise of the speed does not count."""
 SETTLED_S: Final = 5.0
-"""Time (s) after an advised brake within which braking does not count: drivers react and brakes release late."""
+"""Time (s) after an advised brake in which braking does not count: drivers react and brakes release late."""
 BRAKES_AHEAD_S: Final = 20.0
-"""Time (s) before an announced brake within which a driver who brakes earlier does not act against the advice."""
+"""Time (s) by which a driver may brake before an announced brake without acting against the advice."""
 SAMPLED_S: Final = 0.75
 """Least time (s) between compared speeds; speeds nearer in time differ mostly by noise."""
 ROUNDING_S: Final = 0.25
-"""Earliness (s) with which advice that comes once a second may come."""
+"""Largest earliness (s) of advice messages, which are due once a second."""
 SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
 """Modes of instructions that are always shown: a driver who brakes does not act against them."""
 
@@ -51,7 +51,7 @@ class _Sample(NamedTuple):
 
 
 class Quiet:
-    """Detects, at each advice message, a driver who brakes although he is to accelerate or to hold a speed, and a train
+    """Detects, at each advice message, a driver who brakes against advice to accelerate or to hold a speed, and a train
     that stands where it has no stop."""
 
     def __init__(self) -> None:

@@ -15,9 +15,9 @@ SPEED_BAND_RATIO: Final = 0.75
 SPEED_STEP_MPS: Final = 1.0 * KMH
 """Step (m/s) of the speeds that a driver reads."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
-"""Step (m/s) of the speeds that a driver is told to reach or to hold, unless they are limits."""
+"""Step (m/s) of the speeds shown to a driver to reach or to hold, unless they are limits."""
 STOP_BY_EYE_M: Final = 300.0
-"""Distance from the stop (m) below which a driver brakes by eye, with no effort shown, if no lower limit is ahead."""
+"""Last distance (m) before the stop: a driver brakes by eye, with no effort shown, if no lower limit is ahead."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """Largest excess over the allowed speed (m/s) that looks the same to a driver."""
 

@@ -77,7 +77,7 @@ def finishes(control: Any) -> bool:
 
 
 def encode_output(output: Output, tick: int = 0) -> Outgoing:
-    """The message of an output of the cab; `tick` is that of the Control message answered (0: none)."""
+    """The message of an output of the cab; `tick` is the tick of the Control message answered (0: none)."""
     if isinstance(output, Advice):
         return Outgoing(topics.ADVICE, advice_message(output, tick))
     if isinstance(output, Status):

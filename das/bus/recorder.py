@@ -1,8 +1,8 @@
-"""The recorder: all messages on the bus into one MCAP file, on disk within a second.
+"""The recorder, which writes all messages on the bus to one MCAP file, on disk within a second.
 
 Log time is the clock of the simulation (the last Control message), or else the wall clock; publish time is the time
-that the message states. The schema of a topic contains the comments of its fields, with their units, which protobuf
-drops when compiling; they are in protobuf's field for them (`source_code_info`).
+that the message states. The schema of a topic also contains the comments of its fields, with their units, in
+`source_code_info`; the protobuf compiler would drop them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from das.domain.files.writing import refuse_link, umask
 FLUSH_EVERY_S = 0.5
 """Interval (s) between writes to the disk, at most 0.1 s late: a killed recorder loses at most 1.0 s."""
 CHUNK_BYTES = 1 << 18
-"""Most bytes of a chunk, unpacked, before it is written; damage to one chunk loses no more."""
+"""Uncompressed size (bytes) at which a chunk is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
 """The program that wrote a recording, as the file states it."""
 REPORT_EVERY_S = 1.0

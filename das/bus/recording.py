@@ -68,8 +68,8 @@ class Contents:
         return self.metadata_of(None)
 
     def metadata_of(self, train: str | None) -> dict[str, dict[str, str]]:
-        """The metadata by their names; of several records of one name, those of the train's recording, else those that
-        name the train, else all of them.
+        """The metadata by their names; of several records of one name, the records of the train's recording, else those
+        that name the train, else all.
 
         Entries on which such records differ are left out, because the record of the train's drive is unknown.
         """

@@ -45,7 +45,7 @@ SOMEWHERE: Final = "wrong checksum of the data, whose messages are intact"
 MOST_LISTED = 5
 """Largest number of damaged places that are listed one by one."""
 UNCHECKED: Final = "unchecked "
-"""The prefix to the name of metadata without any checksum; no command uses such metadata."""
+"""The prefix to the name of metadata without any checksum, which no command uses."""
 
 
 @dataclass(frozen=True, kw_only=True)

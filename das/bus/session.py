@@ -1,6 +1,6 @@
 """The locked-down Zenoh session: loopback only, no scouting, explicit peers, and one ordered stream of messages.
 
-Messages arrive through one subscriber, so that those of each sender keep their order. Only latched topics (journey,
+Messages arrive through one subscriber, so that each sender's messages keep their order. Only latched topics (journey,
 restrictions, targets, status) have subscribers of their own, which also fetch the last message that was sent before.
 """
 

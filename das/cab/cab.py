@@ -227,7 +227,7 @@ class Cab:
         self._reporting.add(self._status(journey.time_ns, NodeState.READY, f"ready for {' – '.join(names)}"))
 
     def _judge_day(self, now_ns: int) -> None:
-        """Check the journey again if the clock has entered or left its day since the last check."""
+        """Check the journey again if the clock has entered or left the journey's day since the last check."""
         journey = self._journey
         if journey is not None and is_of_another_day(journey, now_ns) != is_of_another_day(journey, journey.heard_ns):
             self._begin(dataclasses.replace(journey, heard_ns=now_ns))

@@ -42,9 +42,9 @@ MOST_RESTRICTIONS = 100
 MOST_TARGETS = 100
 """Largest number of targets in a message; one with more is rejected as implausible."""
 AHEAD_S = 60.0
-"""Time (s) ahead of the clock above which a message waits: taken immediately, it would shut out all later ones."""
+"""Longest time (s) ahead of the clock of a message taken immediately; others wait, not to shut out later ones."""
 TOKEN_AFTER_S = 2.0
-"""Time (s) after its first message from which a publisher whose liveliness token was not seen counts as having none."""
+"""Time (s) after the first message of a publisher; without a liveliness token by then it counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
 """Silence (s) after which another publisher of measurements may take over; a position is usable for as long."""
@@ -100,7 +100,7 @@ class Guard:
             self._nodes.append(seen.source)
 
     def take_news(self) -> list[str]:
-        """The texts about publishers since the last call."""
+        """The reports on publishers since the last call."""
         news, self._news = self._news, []
         return news
 
@@ -122,8 +122,8 @@ class Guard:
         """The messages that count now because time has passed; the caller must check them again.
 
         These are messages that were ahead of the clock and no longer are (senders do not repeat a message, so the
-        newest of each kind waits here until then), and newer orders that overtake those of a publisher whose presence
-        is unknown.
+        newest of each kind waits here until then), and newer orders that overtake the orders of a publisher whose
+        presence is unknown.
         """
         due: list[StateHeard] = []
         for one in tuple(self._early.values()):
@@ -168,7 +168,7 @@ class Guard:
         return f"{_named(operator.source)} and {_named(other)}{cure}"
 
     def _refuse_unstamped(self, kind: Kind) -> None:
-        """Refuse a state without its sender's time stamp: two such senders could not be distinguished."""
+        """Refuse a state without its sender's time stamp: two senders without stamps could not be distinguished."""
         if kind is Kind.RESTRICTION:
             self._news.append(self._unheeded(f"{NOT_STAMPED}: {wording.STAMP_CURE}"))
         else:
@@ -232,7 +232,7 @@ class Publishers:
     def counts(self, source: str, now_ns: int) -> bool:
         """Whether a measurement of this session counts; a new session counts once the previous one has gone silent.
 
-        A measurement without its sender's time stamp never counts: two such senders could not be distinguished.
+        One without its sender's time stamp never counts: two senders without stamps could not be distinguished.
         """
         if source == UNSTAMPED:
             self._unstamped_ns = now_ns
@@ -345,7 +345,7 @@ class Operator:
         return source in self._rivals()
 
     def is_gone(self, source: str | None) -> bool:
-        """Whether the publisher of a session was there and no longer is."""
+        """Whether the publisher of a session was present and no longer is."""
         return self._there.get(source) is False
 
     def see(self, seen: PublisherSeen) -> Heard | None:
@@ -374,7 +374,7 @@ class Operator:
         return [one for one in self._said if one is not None and one != self.source and not self.is_gone(one)]
 
     def _differs(self, source: str) -> bool:
-        """Whether the last restrictions of a session differ from those of the session that counts."""
+        """Whether the last restrictions of a session differ from the list of the session that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
 
 

@@ -14,7 +14,7 @@ from das.domain.restriction import Restriction
 from das.estimate.estimate import Effort, PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
-"""The source of a message without its sender's time stamp; two such senders cannot be distinguished."""
+"""The source of a message without its sender's time stamp; two senders without stamps cannot be distinguished."""
 
 
 class Kind(StrEnum):

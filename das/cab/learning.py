@@ -14,7 +14,7 @@ from das.estimate.estimate import Quality
 from das.estimate.localisation import ClockDifference
 
 CLOCKS_DIFFER_S: Final = 0.3
-"""Difference (s) between the time stamps of forces and positions above which they do not belong together."""
+"""Largest difference (s) between the time stamps of forces and positions that belong together."""
 REPORT_EVERY_S = 10.0
 """Interval (s) at which the estimates are reported; changes in the trust in the forces are reported no more often."""
 CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
@@ -90,7 +90,7 @@ class Learning:
         return f"calibration off: {FORCE_DOUBTS[doubt]}" if doubt is not None else CALIBRATION_ON
 
     def due(self, now_ns: int) -> Conditions | None:
-        """Mass and resistance to plan with from now on; None while they are near enough to those of the plan."""
+        """Mass and resistance to plan with from now on; None while the plan's are near enough."""
         return self._recalibration.due(self._found, now_ns)
 
     def report(self, now_ns: int) -> Estimated | None:

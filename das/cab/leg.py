@@ -28,7 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance before its stop (m) above which a train that has stood moves up to the stop without advice."""
+"""Distance (m) before its stop; a train that has stood farther away moves up to the stop without advice."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Largest number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
@@ -176,8 +176,7 @@ class Leg:
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
-        """The state to advise for, and the distance by which the train may be further ahead than the plan allows
-        for."""
+        """The state to advise for, and the distance that the train may be further ahead than the plan allows for."""
         section = self.section
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m

@@ -65,7 +65,7 @@ class Legs:
         return self.legs[self._index or 0] if self.legs else None
 
     def take_news(self) -> list[News]:
-        """The news since the last call."""
+        """The events to report since the last call."""
         news = self.preparation.take_news()
         for text in self.last_words.take_news():
             news.append(News(text, True))
@@ -194,8 +194,7 @@ class Legs:
         self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
-        """Take note of a change. A new search begins immediately if it has its own thread; otherwise when advice is
-        due."""
+        """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""
         self._changed = True
         if self.preparation.in_background and self.legs:
             self.prepare(self._now_ns)

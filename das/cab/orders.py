@@ -48,7 +48,7 @@ class Trains:
         return list(self._found.values())
 
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
-        """The train of an id in a load state (empty: that of its file); DasError if there is none."""
+        """The train of an id in a load state (empty: the file's); DasError if there is none."""
         if (vehicle_id, load) not in self._found:
             self._found[vehicle_id, load] = self._read(vehicle_id, load)
         return self._found[vehicle_id, load]
@@ -90,7 +90,7 @@ class Post:
             raise DasError(f"it is for train {journey.train!r}, this node is for {self.train!r}")
         if journey.reversed != self.reverse:
             ordered, own = ("in reverse" if way else "forwards" for way in (journey.reversed, self.reverse))
-            raise DasError(f"it drives the route {ordered}, this node has it {own}")
+            raise DasError(f"it is for the route {ordered}, but this node is set to {own}")
         if len(journey.stops) < 2:
             raise DasError(f"it has {len(journey.stops)} stops, expected at least 2")
         _check_times(journey.stops)

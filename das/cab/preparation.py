@@ -148,7 +148,7 @@ def onboard_ladder(section: Section) -> NDArray[np.float64]:
 
 
 TRY_AGAIN_S = 10.0
-"""Time (s) after which a search that failed unforeseen is repeated; any change repeats it as well."""
+"""Time (s) until a search that failed for an unforeseen reason is repeated; any change repeats it as well."""
 
 
 class News(NamedTuple):
@@ -181,12 +181,11 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """Place (m) from which the brakes hold the train, if the leg is refused for a descent; it is checked again
-    there."""
+    """Place (m) after which the brakes hold the train, if a descent is why the leg is refused; checked again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
-    """The search for the guide's policies, which follows that for the front; a text states why there are none."""
+    """The search for the guide's policies, after the search for the front; a text states why there are none."""
     failed_ns: int | None = None
     """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
@@ -239,15 +238,15 @@ class Preparation:
         return any(search.done() for one in self._prepared.values() for search in one.searches)
 
     def refusal(self, leg: Leg) -> str:
-        """Why a leg cannot be driven; empty if it can."""
+        """The reason why no train can run on a leg; empty if one can."""
         return self._prepared[leg].refusal
 
     def report(self, news: News) -> None:
-        """Add news."""
+        """Add events to report."""
         self._news.append(news)
 
     def take_news(self) -> list[News]:
-        """The news since the last call."""
+        """The events to report since the last call."""
         news, self._news = self._news, []
         return news
 

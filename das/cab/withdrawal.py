@@ -1,4 +1,4 @@
-"""The only place that decides whether there is advice, in a fixed order; the last word then judges every advice."""
+"""The only place that decides whether there is advice, in a fixed order; the last word then checks each message."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
 LOST_BEYOND_M: Final = 500.0
-"""Distance beyond the end of the section (m) above which the train counts as not being on the section at all."""
+"""Largest distance (m) beyond the end of a section at which a train counts as past its stop, not as off the section."""
 REPORT_EVERY_S = 30.0
-"""Time (s) without replacement after which a replaced part of the advice is reported again."""
+"""Time (s) without replacements of a part of the advice; the next one after it is reported again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,7 +125,7 @@ def _of_leg(here: Estimate, leg: LegFacts) -> Withdrawal | None:
 
 
 class LastWords:
-    """Passes each advice through the last word, counts the replaced parts, and collects the news about them."""
+    """Checks each advice message with the last word, counts the replaced parts, and collects texts that report them."""
 
     def __init__(self) -> None:
         self.acts: Counter[Part] = Counter()
@@ -163,7 +163,7 @@ class LastWords:
 def words_of(act: Act) -> str:
     """The text about a part of the advice that the last word replaced."""
     value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
-    bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
+    bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the highest allowed"
     if math.isfinite(act.instead_n):
         instead = f"{act.instead_n / KN:.0f} kN is advised instead"
     elif math.isfinite(act.instead_mps):

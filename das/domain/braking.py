@@ -22,14 +22,13 @@ reserve, also on descents (assumption)."""
 class ServiceBraking:
     """The braking used to plan advice; full braking remains in reserve.
 
-    A train that follows such a plan stops in time with its service deceleration even if it begins to brake `reaction_s`
+    A train that follows the plan stops in time with its service deceleration even if it begins to brake `reaction_s`
     late and its brakes take `build_up_s` to act fully. For a lower limit, the reserve is this delay times the speed
     difference. On every descent the plan needs at most `SERVICE_SHARE` of the brake force.
     """
 
     deceleration_mps2: float
-    """The highest deceleration planned for limits and stops; lower if `SERVICE_SHARE` of the total brake force does not
-    reach it."""
+    """The highest deceleration planned for limits and stops, if `SERVICE_SHARE` of the total brake force reaches it."""
     build_up_s: float
     """The time from the driver's command until the brakes act fully."""
     reaction_s: float = REACTION_S

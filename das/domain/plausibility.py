@@ -80,7 +80,7 @@ _OF_JUMPS = "geometry: map distance to the next point beyond that of the positio
 OF_ROUTES: Final = {
     # At most half the Earth's circumference; the longest line, Moscow to Vladivostok, is 9 289 km.
     "length": Check("length", "km", KM, (1.0, 2e7), (10.0, 1e7)),
-    # Every speed limit. The bounds are those of a train's top speed.
+    # Every speed limit. The bounds are the same as for a train's top speed.
     "speed_limit": Check("speed_limits", "km/h", KMH, (0.0, 600 * KMH), (3 * KMH, 400 * KMH)),
     # Every gradient, up or down. Assumption: no adhesion railway exceeds 120 ‰, and few exceed 80 ‰.
     "gradient": Check("gradients", "‰", PERMILLE, (0.0, 0.2), (0.0, 0.08)),
@@ -194,7 +194,7 @@ def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str],
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:
-    """The unusual values of a train, then those of its load states for checks that found nothing so far."""
+    """The unusual values of a train, then of its load states for checks that found nothing so far."""
     known = set()
     for name, train in (("", vehicle), *((name, vehicle.loaded(name)) for name in vehicle.loads)):
         for of, value in _vehicle_values(train).items():

@@ -89,4 +89,4 @@ class Plottable(Protocol):
 
 
 NEAR_M = 50.0
-"""Distance (m) beyond the ends of a run within which a stop belongs to it: trains stop with an error of metres."""
+"""Distance (m) by which a stop of a run may lie beyond the run's ends: trains stop with an error of metres."""

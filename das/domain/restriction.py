@@ -19,7 +19,7 @@ Times = NDArray[np.int64]
 LEAST_RESTRICTION_MPS = 0.5
 """Lowest speed of a restriction (m/s); a train could not pass a lower one."""
 COUNTS_BEFORE_S = 900.0
-"""Time (s) before its window opens from which plans observe a restriction. Every train brakes in less: from 500 km/h at
+"""Time (s) by which plans observe a restriction before its window opens. Every train brakes in less: from 500 km/h at
 0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
 COUNTS_AFTER_S = 10.0
 """Time (s) after its window has closed until which plans observe a restriction: twice the clock correction (5 s) up to

@@ -67,7 +67,7 @@ class Stretches:
 
     @classmethod
     def constant(cls, value: float) -> Stretches:
-        """The same value on the whole line."""
+        """One value on the whole line."""
         return cls(start_m=np.zeros(1), value=np.array([value]))
 
     def at(self, position_m: ArrayLike) -> Floats:
@@ -81,8 +81,7 @@ class Stretches:
         return np.asarray((self.integral(to_m) - self.integral(from_m)) / (to_m - from_m), dtype=float)
 
     def integral(self, position_m: Floats) -> Floats:
-        """Integral of the quantity from 0 to each position (m); the first and the last value continue beyond the
-        ends."""
+        """Integral of the quantity from 0 to each position (m); the first and last values continue beyond the ends."""
         lengths = np.diff(self.start_m)
         upto = np.concatenate(([0.0], np.cumsum(lengths * self.value[:-1])))
         i = np.clip(np.searchsorted(self.start_m, position_m, side="right") - 1, 0, len(self.value) - 1)

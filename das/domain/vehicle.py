@@ -202,7 +202,7 @@ class Vehicle(Summary):
         return np.asarray(np.minimum(self.electric_brake.force_n(speed_mps), self._adhesion_n(speed_mps)))
 
     def brake_effort_n(self, speed_mps: ArrayLike) -> Floats:
-        """Largest force of both brakes together (N, >= 0); if adhesion is a limit, at most that of all axles."""
+        """Largest force of both brakes together (N, >= 0); at most the adhesion of all axles if that is a limit."""
         both = self.electric_brake_effort_n(speed_mps) + self.friction_brake_force_n
         if np.isinf(self.adhesive_mass_kg):
             return both

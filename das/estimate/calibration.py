@@ -146,7 +146,7 @@ LONGEST_GAP_NS: Final = round(2.5 / NS)
 SLOWEST_MPS: Final = 5.0
 """Lowest speed (m/s) of a sample that counts: below it, brakes are released and Davis' formula does not hold."""
 ADHESION_RATIO: Final = 0.9
-"""Share of the adhesion limit of a dry rail above which force samples do not count, because wheels may slip."""
+"""Share of a dry rail's adhesion limit; force samples above it do not count, because wheels may slip."""
 STANDS_FOR_S: Final = 20.0
 """Standstill (s) after which passengers may have boarded or alighted."""
 REPLAN_EVERY_S: Final = 120.0
@@ -484,7 +484,7 @@ class Recalibration:
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
         """Return other conditions to plan with from now on; None while those of the plan are near enough.
 
-        They change at most once in `REPLAN_EVERY_S`; once the forces are doubted, those of the start return.
+        They change at most once in `REPLAN_EVERY_S`; once the forces are doubted, the conditions of the start return.
         """
         if estimates.doubt is not None and self.conditions != self._planned:
             self.conditions = self._planned

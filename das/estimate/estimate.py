@@ -70,7 +70,7 @@ class PositionFix:
 def deviations(fix: PositionFix) -> Deviations:
     """Return the standard deviations of a fix: those that it states, otherwise those usual for its quality.
 
-    Raises ValueError for a fix that its sender marked as unusable: such a fix has no deviations.
+    Raises ValueError for a fix that its sender marked as unusable: it has no deviations.
     """
     if fix.quality not in USUAL:
         raise ValueError("a fix marked as unusable has no deviations")

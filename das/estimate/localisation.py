@@ -39,13 +39,13 @@ LARGEST_POSITION_SD_M: Final = 50.0
 LARGEST_SPEED_SD_MPS: Final = 2.0
 """Largest standard deviation (m/s) of the speed with which an estimate is used."""
 RECOVERED_RATIO: Final = 0.7
-"""Share of the limits below which a too uncertain estimate is used again, so that advice does not flicker."""
+"""Share of the limits of uncertainty; an estimate that exceeded them is used again below it: no flickering advice."""
 CLOCK_FIXES: Final = 15
 """Number of fixes whose median delay is the difference, so that single delayed fixes do not count."""
 CLOCK_MEMORY_S: Final = 30.0
 """Time (s) after which received fixes do not count."""
 CLOCK_LARGEST_S: Final = 10.0
-"""Difference (s) between its time stamp and the clock above which a fix does not count: it was delayed or replayed."""
+"""Largest difference (s) between a fix's time stamp and the clock; beyond it the fix was delayed or replayed."""
 RATE_FIXES: Final = 5
 """Number of intervals whose median is the usual time between two fixes."""
 ODD_FIXES: Final = 1
@@ -57,7 +57,7 @@ JITTER_S: Final = 0.25
 LARGEST_STEP_S: Final = 5.0
 """Largest step (s) of a sensor's clock that is corrected; a larger one is not."""
 SPEED_DOUBTED_S = 0.5
-"""Difference of the clocks (s) above which a train that slows down may still have the speed of its last fix."""
+"""Largest clock difference (s) at which a train that slows down counts as slower than at its last fix."""
 
 
 class ClockDifference:
@@ -80,7 +80,7 @@ class ClockDifference:
     def doubt_s(self) -> float:
         """The possible error (s) of the age of the newest measurement.
 
-        It is the larger of the median difference and that of the newest measurement, which is the first to show a step.
+        It is the larger of the median and the newest difference; the newest measurement is the first to show a step.
         """
         return max(abs(self.seconds), abs(self._newest_s))
 
@@ -246,7 +246,7 @@ class Localisation:
         self._clock.receive(fix.time_ns, received_ns)
         if span_s > SILENCE_S:
             x = None
-        if other_unit:  # The state is based on such speeds as well.
+        if other_unit:  # The state is based on wrong speeds as well.
             self._forget()
             self._reject(other_unit)
             return

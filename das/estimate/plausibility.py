@@ -30,7 +30,7 @@ GATE_LEAST_MPS: Final = 1.0
 SLOW_MPS: Final = 0.1
 """Measured speed (m/s) up to which a train may be standing, however exact the odometer claims to be."""
 SLOW_SDS: Final = 2.5
-"""Standard deviations up to which a measured speed may be that of a standing train."""
+"""Standard deviations up to which a train with a measured speed may be standing."""
 EXPECTED_SLOW_MPS: Final = 0.5
 """Estimated speed (m/s) above which a train does not count as standing, whatever speed was measured last."""
 STANDS_AFTER_S: Final = 2.0
@@ -40,10 +40,10 @@ SETS_OFF_SDS: Final = 3.3
 CREEP_FIXES: Final = 5
 """Number of speeds whose mean also ends a standstill, although each alone may be noise."""
 FROZEN_WAY_M: Final = 2.0
-"""Distance (m) by the measured speeds above which a position that stays the same is frozen."""
+"""Distance (m) that the measured speeds add up to while the position stays the same; beyond it, it is frozen."""
 COARSE_SDS: Final = 4.0
-"""Standard deviations of the position that the same distance must also exceed if only the speeds change, because a
-coarse receiver repeats its position for a while."""
+"""Multiple of the position's standard deviation that the distance from the speeds must also exceed if the speeds still
+change: a coarse receiver repeats its position for a while."""
 SILENCE_S: Final = 30.0
 """Time (s) without an accepted fix after which the estimate is dropped; the next fix begins a new one."""
 AGREEING_FIXES: Final = 4
@@ -187,7 +187,7 @@ class Standstill:
 
 
 class FrozenReceiver:
-    """Detects a frozen receiver: by the speeds the train moves while the position stays the same."""
+    """Detects a frozen receiver: its position stays the same although the measured speeds show that the train moves."""
 
     def __init__(self) -> None:
         self.first: PositionFix | None = None
@@ -216,27 +216,27 @@ class FrozenReceiver:
 
 
 OFF_FACTOR: Final = 1.4
-"""Factor within which both the whole distance and the median step must yield the scale: a jump of the position, or a
-spinning wheel, affects only one of the two."""
+"""Largest ratio between a candidate factor and the scale from the whole distance, and likewise from the median step. A
+jump of the position or a spinning wheel distorts only one of the two."""
 WINDOW_S: Final = 10.0
-"""Time (s) whose fixes are compared."""
+"""Length (s) of the window of fixes compared."""
 FIRST_WINDOW_S: Final = 60.0
-"""Time (s) whose fixes are compared until the speeds are confirmed; a slow train needs longer."""
+"""Length (s) of the window until the speeds are confirmed; a slow train needs a longer one."""
 OTHER_UNIT_PROBABILITY: Final = 0.5
-"""Probability, before anything is compared, that a sender sends another unit."""
+"""Prior probability that a sender uses another unit."""
 LEAST_FIXES: Final = 4
-"""Least number of fixes that are compared, at any rate."""
+"""Number of fixes kept even if older than the window; no factor is found from fewer."""
 LONGEST_GAP_S: Final = 6.0
-"""Longest time (s) without a fix after which the comparison continues; after a longer one it restarts."""
+"""Longest gap (s) between two fixes that the comparison bridges; a longer one restarts it."""
 APART_SDS: Final = 4.0
-"""Standard deviations of the difference of two positions by which the distances by speeds and by positions must differ
-to detect another unit or to exclude all others permanently."""
+"""Required difference between the distance from the speeds and that from the positions, in standard deviations of the
+difference of two positions, to detect another unit or to rule out all others permanently."""
 APART_LEAST_M: Final = 10.0
-"""Least difference (m) of the two distances, for any stated accuracy of the sensors."""
+"""Least difference (m) of the distances from speeds and from positions, for any stated accuracy of the sensors."""
 FACTORS: Final = (3.6, 1.0 / 3.6, 1000.0, 0.001)
-"""Speeds in km/h for m/s, or m/s converted once too often; speeds in mm/s or positions in km, or the reverse."""
+"""Factors of unit errors: km/h sent as m/s, m/s divided by 3.6; speeds in mm/s (positions in km), or the reverse."""
 NEAREST: Final = FACTORS[:2]
-"""Factors that are compared; the distance covered excludes all others much earlier."""
+"""Factors weighed against each other; the distance covered rules out the other factors much earlier."""
 
 
 class SpeedScale:
@@ -245,12 +245,12 @@ class SpeedScale:
     def __init__(self) -> None:
         self._fixes: deque[PositionFix] = deque()
         self.factor = 1.0
-        """The factor by which the speeds are too high; 1 unless it is a known one."""
+        """The factor by which the speeds are too high: one of `FACTORS`, or 1."""
         self._confirmed = False
         self._unit_sd_ratio = 0.0
 
     def unit_sd_mps(self, speed_mps: float) -> float:
-        """Return one standard deviation of a speed (m/s) from the units that are not excluded yet."""
+        """Return one standard deviation of a speed (m/s) due to the units that are not ruled out yet."""
         return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
 
     @property

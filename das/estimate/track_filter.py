@@ -2,13 +2,13 @@
 
 State x = (s, v, a, b, c, g): position, speed and acceleration on the scale of the measured speeds, and three errors.
 The errors b of the measured position and c of the measured speed wander (first-order Gauss–Markov with time constant τ
-and standard deviations σ_b and σ_c), and so does, far more slowly, the distance g that the train covers per metre by
-its speeds: wheels wear.
+and standard deviations σ_b and σ_c). So does, far more slowly, the scale g: the true distance per metre of distance
+computed from the measured speeds.
 
     s' = g·v, v' = a, a' = white noise of density q
     b(t + dt) = e^(−dt/τ)·b + noise of variance σ_b²·(1 − e^(−2·dt/τ)), c and g − 1 likewise
 
-Sensors measure s + b and v + c, each with fresh noise of its own (Bar-Shalom, Li & Kirubarajan, Estimation with
+Sensors measure s + b and v + c, each with independent white noise (Bar-Shalom, Li & Kirubarajan, Estimation with
 Applications to Tracking and Navigation, 2001, sections 6.2.3, 8.3 and 10.3). The matrices are written out in floats,
 because calling a matrix library takes longer than the computation itself.
 """
@@ -22,23 +22,23 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import OVERSPEED_RATIO, SPEED_LATE_S, PositionFix, Quality, deviations
 
 SPEED_SCALE_SD: Final = 0.04
-"""Scale error of every speed, found only from positions, whatever deviation its sender states: one standard deviation
-for worn wheels (8 % between new and worn: 2.3 %), a wrongly set diameter and slip (3 %)."""
+"""Standard deviation of the scale of all measured speeds, which no sender states and only positions reveal: wheel wear
+2.3 % (8 % between new and worn); a wrongly set diameter and slip together 3 %."""
 HARD_MPS2: Final = 1.0
 """Braking (m/s²) that nearly every train can reach, whatever its traction."""
 EFFORT_LASTS_S: Final = 60.0
-"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² divided by it, σ half the hardest start or
-brake."""
+"""Time (s) for which a driver holds an effort; the jerk density is 2·σ² divided by it, σ being half the largest
+acceleration or deceleration."""
 MANOEUVRE_SDS: Final = 3.0
-"""Deviation of a speed (standard deviations) above which the effort, and so the acceleration, may have changed."""
+"""Deviation of a speed (standard deviations); beyond it the effort, and so the acceleration, may have changed."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0
-"""Time constant (s) with which the scale of the speeds wanders: slip changes, a wheel does not (assumption)."""
+"""Time constant (s) with which the scale of the speeds wanders: slip varies, the wheel diameter not (assumption)."""
 
 
 class Track(NamedTuple):
-    """The mean of the state (s and b in m, v and c in m/s, a in m/s², g) and the upper half of its covariance."""
+    """The mean of the state (s and b in m, v and c in m/s, a in m/s², g) and its covariance (upper triangle)."""
 
     s: float
     v: float
@@ -88,7 +88,7 @@ def begin(
     acceleration_sd_mps2: float,
     scale_sd: float = 0.0,
 ) -> Track:
-    """Return the state after a first fix; all of its position error may be a wandering one, none of its speed error."""
+    """Return the state after a first fix: its position error is attributed to b, and none of its speed error to c."""
     var = position_sd_m**2
     return Track(
         s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0, g=1.0,
@@ -275,7 +275,7 @@ class TrainMotion:
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.
 
-        The error of a degraded fix wanders no more than that of the fix before; the additional error is fresh noise.
+        The error of a degraded fix wanders no more than the previous fix's; the additional error is fresh noise.
         """
         position_sd_m = deviations(fix).position_m
         if fix.quality is Quality.DEGRADED and self._wander_sd_m is not None:

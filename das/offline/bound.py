@@ -65,7 +65,7 @@ class Task:
     speeds_mps: Floats
     allowed_s: float
     price_w: Floats | None = None
-    """A price of time (W) of each interval that counts as energy, besides the price that the bound finds; None: 0."""
+    """A price of time (W) of each interval that counts as energy, added to the price that the bound finds; None: 0."""
 
     @cached_property
     def high_w(self) -> Floats:
@@ -255,8 +255,7 @@ def acceleration_limits(task: Task, lowest_n: Floats) -> Floats:
 NEAR_FORCES_N: Final = (0.0, 8e3, -8e3)
 """Distances (N) from the force of the given run at which a loss map gets planes."""
 NEAR_COASTING_N: Final = (-500.0, 500.0)
-"""Forces (N) at which a loss map gets planes on both sides of coasting; it also gets them at half of the largest
-forces."""
+"""Forces (N) at which a loss map gets planes on both sides of coasting, in addition to half of the largest forces."""
 LIMIT_SLACK: Final = 1e-6
 """Ratio by which runs may exceed the limits of their forces by rounding."""
 
@@ -351,7 +350,7 @@ def fastest_is_ahead(task: Task) -> bool:
 
 
 def behind_fastest(task: Task) -> Task:
-    """The same task with the speed bounded by the fastest run; valid only if `fastest_is_ahead`."""
+    """The task with the speed bounded by the fastest run; valid only if `fastest_is_ahead`."""
     speeds = np.empty_like(task.envelope_mps)
     speeds[0] = task.speeds_mps[0]
     fastest_roll_out(task.line.for_kernels, task.envelope_mps, task.section.train, speeds)
@@ -395,7 +394,7 @@ ENOUGH_RATIO: Final = 1e-5
 MOST_CUTS: Final = 3
 """Maximum number of rounds in which planes are added for a loss map."""
 ENOUGH_CUT_RATIO: Final = 5e-4
-"""Relative increase of the bound by the last planes below which no more are added."""
+"""Least relative increase of the bound by the last planes for which more are added."""
 INSIDE: Final = 0.05
 """Distance of the first point from its bounds, as a share of their width."""
 TERMS_RATIO: Final = 1e-9

@@ -239,7 +239,7 @@ class Multipliers(NamedTuple):
 LOCAL = 5
 """Local variables of an interval: w0, w1, τ, f, e."""
 FIXED_ROWS = 10
-"""Number of constraints of an interval before those of its planes."""
+"""Number of constraints of an interval before the constraints of its planes."""
 
 
 @kernel
@@ -253,7 +253,7 @@ def constraints(k, z, free0, free1, program: Program, c, slope):
     slope[:, :] = 0.0
     v0, v1 = math.sqrt(2.0 * w0), math.sqrt(2.0 * w1)
     total = v0 + v1
-    # The slowness is at least that of constant acceleration between the nodes.
+    # The slowness is at least the value for constant acceleration between the nodes.
     c[0] = 2.0 / total - tau
     slope[0, 0] = -2.0 / (total * total * v0) if free0 else 0.0
     slope[0, 1] = -2.0 / (total * total * v1) if free1 else 0.0
@@ -397,7 +397,7 @@ _CENTRE = 0.1
 _PATIENCE = 5
 """Consecutive steps without a higher bound after which the search ends, once it has a useful one."""
 _USEFUL = 2e-4
-"""Ratio below the energy of the point within which a bound is useful."""
+"""Ratio by which a useful bound may lie below the energy of the point."""
 _FEASIBLE = 1e-5
 """Largest violation of a constraint with which a point counts as feasible."""
 

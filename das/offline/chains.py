@@ -59,7 +59,7 @@ class JourneySection:
     def part(self, first: int, last: int, least_end_mps: float = 0.0) -> Section:
         """The section between two places; if the last is a passing, it may end at any speed >= `least_end_mps`.
 
-        Its start and end speeds remain those of the whole section; a front answers for any speed at its beginning.
+        The start and end speeds of the whole section still apply; a front answers for any speed at its beginning.
         """
         whole, a, b = self.whole, self.places[first], self.places[last]
         of_intervals = [field.name for field in fields(LineProfile) if field.name != "node_m"]
@@ -164,7 +164,7 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
 
 
 def _run_up(section: Section, node: int, least_mps: float) -> Floats:
-    """The slowest speeds up to an integration node from which the train still reaches it at `least_mps`."""
+    """The slowest speeds on the way to an integration node with which the train still reaches it at `least_mps`."""
     before = slice(None, node)
     envelope = section.envelope_mps[: node + 1].copy()
     envelope[-1] = least_mps
@@ -336,7 +336,7 @@ class Ahead:
 
 
 class SectionFronts:
-    """Solves the fronts of sections and keeps those of whole sections while there is room.
+    """Solves the fronts of sections and keeps the fronts of whole sections while there is room.
 
     Tables and trajectories of whole sections are always kept.
 
@@ -444,7 +444,7 @@ class Split(StrEnum):
     EQUAL_MARGINAL = "equal-marginal"
     """One second less would cost the same energy everywhere, as in the optimum."""
     PROPORTIONAL = "proportional"
-    """The same buffer, in per cent, everywhere."""
+    """Equal buffers, in per cent, everywhere."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -527,7 +527,7 @@ class Chains:
         return np.where(first_j > tol.UNREACHABLE, tol.INFEASIBLE, total_j)
 
     def _least_speed(self, span: TightSpan, parts: Parts) -> float:
-        """The slowest speed at the beginning of a span from which it can be driven in its time, by bisection."""
+        """The slowest speed at the beginning of a span with which it can be driven in its time, by bisection."""
         stretch, *others = span.stretches
         front, section = parts[stretch], self.sections[stretch.section]
         others_s = sum(float(self.fronts.table(other, parts.get(other), 0.0).time_s[-1]) for other in others)

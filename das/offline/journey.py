@@ -50,7 +50,7 @@ NO_PRICE: Final = (
 class PricedTimeline:
     """A timeline with a price of time (W) for each of its links.
 
-    Any prices prove a bound; those of the optimum prove a high one.
+    Any prices prove a bound; the optimum's prices prove a high one.
     """
 
     sections: tuple[JourneySection, ...]

@@ -29,7 +29,7 @@ LINES: Final = 3
 REFERENCE_SPEED_MPS: Final = 20.0
 """Speed (m/s) at which widths hold. Lines are even in v², because a constant shift in v² leaves the force unchanged."""
 CLOSED_RATIO: Final = 2e-4
-"""Saving of a round, as a share of the energy, below which no further round follows."""
+"""Least saving of a round, as a share of the energy, for another round to follow."""
 MOST_TRIALS: Final = 8
 """Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
@@ -37,8 +37,7 @@ EARLY_S: Final = 1e-3
 MOST_BLENDS: Final = 20
 """Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
-"""Share of its energy by which a blend may lie above the tangents at its neighbours for a refinement to begin with
-it."""
+"""Share of its energy by which a blend that begins a refinement may lie above the tangents at its neighbours."""
 
 Floats = NDArray[np.float64]
 
@@ -64,8 +63,7 @@ class RefinementSettings:
     most_rounds: int = 3
     """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Potential saving (share of energy) of a price between those of two trajectories of a pass up to which they are
-    blended."""
+    """Largest saving (share of energy) by a price between the prices of two trajectories for which both are blended."""
 
 
 SETTINGS: Final = RefinementSettings()
@@ -268,7 +266,7 @@ QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_los
 """A third of the passes of a single trajectory: 0.001 % of the energy remains unsaved on average, and 0.05 % where the
 best trajectories change their kind."""
 NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
-"""Three passes that begin as narrow as the late ones of a single trajectory: enough for a blend of near neighbours."""
+"""Three passes, beginning as narrow as a single trajectory's late passes: enough for a blend of near neighbours."""
 
 
 def refined_runs(

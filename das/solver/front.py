@@ -141,7 +141,7 @@ class Trial(NamedTuple):
 
 
 class TimeSearch:
-    """Search for the trajectory from a state that takes a given time: that of a multiplier, or a blend if the front
+    """Search for the trajectory from a state that takes a given time: one for a multiplier, or a blend if the front
     jumps.
 
     The policies give the first place on the ladder. Each trial corrects it, and the next one aims slightly beyond the
@@ -220,7 +220,7 @@ class TimeSearch:
                 place, step = self._beyond(trial, step), 4 * step
             else:
                 place = slow.place + self._share(above, below) * (quick.place - slow.place)
-        if quick is None:  # Only the fastest trajectory is faster than that of the highest multiplier.
+        if quick is None:  # Only the fastest trajectory is faster than the one for the highest multiplier.
             run = self.state.fastest()
             quick = Trial(math.inf, run, run.time_s - self.time_s)
         return slow, quick

@@ -30,7 +30,7 @@ class Fit(StrEnum):
     LATE = "late"
     """The requested time is below the minimum; the trajectory is the fastest one."""
     EARLY = "early"
-    """A slower trajectory would need more energy; the trajectory is that of least energy, before the requested time."""
+    """A slower trajectory would need more energy; the trajectory of least energy arrives before the requested time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -79,7 +79,7 @@ class Solution(Summary):
 
     @property
     def saves_time(self) -> bool:
-        """Whether the trajectory is that of least energy, which takes less than the requested time."""
+        """Whether the trajectory of least energy takes less than the requested time, and is therefore the solution."""
         return self.fit is Fit.EARLY
 
     @cached_property

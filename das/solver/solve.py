@@ -62,8 +62,8 @@ def solve_ahead(
 ) -> Front:
     """The front of a section for a train at a position (m): only the part ahead of the train is solved.
 
-    The sweep starts at the end, so the part ahead equals that of the whole front, bit for bit. If a trajectory from a
-    position more than `BEHIND_M` behind the train is requested, the front solves the rest first. The other arguments
+    The sweep starts at the end, so the part ahead is the same as in the whole front, bit for bit. If a trajectory from
+    a position more than `BEHIND_M` behind the train is requested, the front solves the rest first. The other arguments
     are those of `solve_front`.
     """
     sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)

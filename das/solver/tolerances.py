@@ -59,8 +59,8 @@ LADDER_HIGHEST_RATIOS: Final = (20.0, 45.0, 100.0)
 time is at least ten times that power; without the last multipliers, such a run needs up to 1 % more energy."""
 LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
 """Multiples of the train's idle loss that, negated, are the negative multipliers of a journey's ladder. They serve time
-windows that require a run slower than that of least energy. At minus the whole idle loss standing would cost nothing,
-so the first of them gives the slowest run."""
+windows that require a run slower than the run of least energy. At minus the whole idle loss standing would cost
+nothing, so the first of them gives the slowest run."""
 
 # The planning of a journey of several sections.
 JOURNEY_FRONTS_BYTES: Final = 400_000_000
@@ -68,7 +68,7 @@ JOURNEY_FRONTS_BYTES: Final = 400_000_000
 JOURNEY_TIME_TOLERANCE_S: Final = 0.002
 """Tolerance (s) of the time of a section's run; the errors of the sections add up."""
 PASSING_SPEED_STEP_MPS: Final = 1e-6
-"""Tolerance (m/s) in the search for the lowest passing speed from which later points are reached in time."""
+"""Tolerance (m/s) in the search for the lowest passing speed with which later points are reached in time."""
 PASSING_BAND_RATIO: Final = 1e-3
 """Largest relative reduction of a prescribed passing speed, which gives the grid several speeds there."""
 
@@ -76,7 +76,7 @@ PASSING_BAND_RATIO: Final = 1e-3
 MIN_STEP_M: Final = 1e-3
 """Distance (m) below which two breakpoints count as one."""
 SPEED_TOLERANCE_MPS: Final = 1e-6
-"""Excess over a bound (m/s) below which a speed is on the bound."""
+"""Largest excess (m/s) over a bound at which a speed is on the bound."""
 TIME_TOLERANCE_S: Final = 0.02
 """Tolerance (s) of the requested time: far less than the second between two advice messages."""
 UNREACHABLE: Final = 1e16
@@ -84,10 +84,10 @@ UNREACHABLE: Final = 1e16
 INFEASIBLE: Final = 1e30
 """The cost (J) of a state from which the section cannot be finished; finite, to allow interpolation."""
 SMALLEST_SHARE: Final = 1e-9
-"""Interpolation weight that is treated as a rounding error, and as 0."""
+"""Interpolation weight up to which it is treated as a rounding error, that is, as 0."""
 CREST_MPS: Final = 0.05
 """Lowest planned speed (m/s) at a crest; a train at exactly the floor speed would stop there."""
 SLOWEST_LIMIT_MPS: Final = 2.0
 """Lowest speed (m/s) to which the margin below a limit may reduce it; a lower limit remains unchanged."""
 CREEP_MPS: Final = 0.1
-"""Speed (m/s) at the start of the last decision step below which a train first accelerates as fast as allowed."""
+"""Least speed (m/s) at the start of the last decision step; a slower train first accelerates as fast as allowed."""

@@ -113,7 +113,7 @@ def with_chain(vehicle: Vehicle, chain: LossChain) -> Vehicle:
 
 
 def solve_stage_1(vehicle: Vehicle, chain: LossChain) -> LossChain:
-    """The GTO chain with the free parameters of stage 1 solved for; all others are those of `chain`.
+    """The GTO chain with the free parameters of stage 1 solved for; all others are as in `chain`.
 
     Raises DasError if no positive parameters give the published fit and loss at full power.
     """
@@ -176,8 +176,8 @@ def search_stage_2(
 ) -> LossChain:
     """The GTO chain whose optimal runs meet `paper.STAGE_2_TARGETS`, by Nelder–Mead over the parameters of stage 2.
 
-    `report` is called with the cost after each trial. The returned parameters of stage 2 are rounded, and those of
-    stage 1 are solved for them.
+    `report` is called with the cost after each trial. The returned parameters of stage 2 are rounded, and stage 1 is
+    solved for them.
     """
 
     def cost(x: np.ndarray) -> float:
@@ -307,7 +307,7 @@ def reached_table(figures: Figures) -> Iterator[str]:
 
 
 def vehicle_toml(name: str, chain: LossChain) -> str:
-    """The bundled vehicle's file with the calibrated parameters of its table [losses.l3] replaced by those of `chain`.
+    """The bundled vehicle's file with the calibrated parameters of its table [losses.l3] replaced by `chain`.
 
     Sources and all other lines are unchanged. Raises DasError if the file has no line for a parameter.
     """

@@ -50,7 +50,7 @@ CELL_TOLERANCE: Final[Mapping[str, float]] = {
 }
 """Accepted relative deviation of a cell from the printed figure, by column."""
 EQUAL_ENERGY: Final = 5e-4
-"""Relative difference below which two energies count as equal in comparisons of order."""
+"""Largest relative difference of two energies that count as equal in comparisons of order."""
 
 ACCELERATION_BUFFERS: Final = (0.02, 0.15, 0.25, 0.40)
 DECELERATION_BUFFERS: Final = (0.02, 0.05, 0.10, 0.15, 0.30)

@@ -151,7 +151,7 @@ ENERGY_SHARES_PERCENT: Final = {
 """Shares of the energy net of regeneration: 49 measured Intercity runs Zürich–Luzern (60 km, 2 intermediate stops)."""
 
 ENERGY_MARGIN_RATIO = 2e-5
-"""Difference from the least energy (relative to the fastest run's at L3) within which an energy counts as the least:
+"""Largest difference from the least energy (relative to the fastest run's at L3) of an energy that counts as the least:
 slower runs save nothing."""
 START_WAY_M = 100.0
 """Distance from a start or to a stop on which a run may be slower than 20 km/h."""
@@ -241,7 +241,7 @@ class Workbench:
         return evaluated_at(trajectory, self.vehicle(variant), variant.level)
 
     def reference_j(self, case: StudyCase) -> float:
-        """The reference energy (100 %): that of the fastest run at L3 with the GTO map."""
+        """The reference energy (100 %), of the fastest run at L3 with the GTO map."""
         return self.energy_j(self.fastest(case), L3)
 
     def percent(self, case: StudyCase, trajectory: Trajectory, variant: Variant) -> float:

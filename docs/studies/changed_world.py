@@ -126,7 +126,7 @@ def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) ->
 
 
 OFF_PLAN_MPS = 1.0 * KMH
-"""Difference (m/s) from the planned speed above which a speed is off the plan."""
+"""Largest difference (m/s) from the planned speed of a speed on the plan."""
 REPLANNED_TOLERANCE_S = 2e-3
 """Tolerance (s) of a new plan's trip time; a second changes the energy more than some variations do."""
 LEAST_ENERGY_J = 1.0
@@ -274,7 +274,7 @@ def _on_both_grids(planned_m: Floats, section: Section) -> LineProfile:
 
 
 def _envelope(line: LineProfile, section: Section) -> Floats:
-    """Highest speed at each node of a line from which the changed train keeps all limits ahead."""
+    """Highest speed at each node of a line with which the changed train keeps all limits ahead."""
     end_mps = section.end_speed_mps
     envelope, stuck = braking_envelope(line.for_kernels, line.limit_mps, end_mps, section.train, FULL_BRAKES)
     if stuck >= 0:

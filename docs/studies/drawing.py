@@ -47,7 +47,7 @@ LEVEL_COLOURS = {
 }
 """Colour of each level in every picture (from Okabe and Ito, distinguishable for the colour-blind)."""
 DASHES: dict[str, Any] = {"l1": (0, (5, 3)), "l0-noreg": (0, (1, 1.5))}
-"""Dashes of the levels whose curves coincide with those of another level; they are drawn last."""
+"""Dashes of the levels whose curves coincide with another level's; they are drawn last."""
 BUFFER_COLOURS = ("#12a150", "#1f6fe0", "#9a3fd6", "#e02424", "#e0a100", "#000000")
 """Colours of the buffers 0, 2, 7, 15, 25 % and the largest, as the paper's: green, blue, purple, red, yellow, black."""
 GREYISH = "#7a7a7a"

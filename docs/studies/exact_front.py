@@ -39,7 +39,7 @@ def case(level: Level, length_km: float = LENGTHS_KM[-1]) -> Section:
 
 
 def solver_against(front: Front, exact: ExactFront, time_s: float) -> str:
-    """Relative difference of the solver's energy from that of the exact front for the same time."""
+    """Relative difference between the energies of the solver and of the exact front for the same time."""
     found_j = front.trajectory(time_s).balance.input
     return f"{100.0 * (found_j / float(exact.energy_j[exact.index_at(time_s)]) - 1.0):+.2f} %"
 

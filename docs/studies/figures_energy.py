@@ -153,7 +153,7 @@ def _draw_energy(axes: Any, data: Cruising, speed: Floats, coarse: slice) -> Non
 
 
 SAVING_TOLERANCE_PERCENT = 1.0
-"""Deviation (percentage points) from a printed saving within which it counts as reached; the bars of figs. 6 and 8."""
+"""Largest deviation (percentage points) from a printed saving that counts as reached; the bars of figs. 6 and 8."""
 
 
 OTHER_LEVELS = (L0_NOREG, L1, L2)
@@ -162,7 +162,7 @@ without losses, braking and driving again cost nothing, and its optimum is hardl
 
 
 def saving_percent(bench: Workbench, case: StudyCase, variant: Variant, buffer_percent: float) -> float | None:
-    """The saving of L3's run over a level's run at a buffer, at L3, in % of the fastest run; None without such runs."""
+    """The saving of L3's run over a level's run at a buffer, at L3, in % of the fastest run; None without both runs."""
     ours, other = bench.run(case, L3, buffer_percent), bench.run(case, variant, buffer_percent)
     if ours is None or other is None:
         return None

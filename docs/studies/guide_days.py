@@ -102,7 +102,7 @@ def shown_seconds(one: WatchedRun, presentation: Presentation) -> list[ShownSeco
 
 
 def draw_day(path: Path, scenario: str) -> None:
-    """Draw one scenario, driven by the default human with speed and effort and with the guide."""
+    """Draw one scenario with the default human driver, with speed and effort and with the guide."""
     whole = load_scenario(scenario)
     service = prepare_service(replace(whole, to_stop="Zug", running_s=(whole.running_s or ())[:SECTIONS]))
     figure, axes = light_figure(HEIGHTS_IN)

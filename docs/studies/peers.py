@@ -59,7 +59,7 @@ class PeerRow(NamedTuple):
 
 
 def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
-    """Every result of other optimisers, with that of the solver for the same time."""
+    """Every result of other optimisers, with the solver's for the same time."""
     fronts: dict[tuple[str, ...], Front] = {}
     for result in reference_results():
         if result.problem not in fronts:
@@ -153,7 +153,7 @@ def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
 
 
 def hard_table() -> Iterator[str]:
-    """The hard problems and a summary of their gaps; the tight gap is that of the bound computed in `TIGHT_S`."""
+    """The hard problems and a summary of their gaps; the tight gap is to the bound computed in `TIGHT_S`."""
     rows = list(hard_rows())
     of_maps = [row for _, level, row in rows if level is Level.L3]
     tight = {id(row): tightened(row.found, TIGHT_S).gap_ratio for row in of_maps}

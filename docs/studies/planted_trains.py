@@ -36,7 +36,7 @@ TRAINS: Final = (
     "re460-ic", "CH_Stadler_KISS_SBB", "CH_Stadler_FLIRT_TPF", "NL_Intercity_VIRM6", "CN_Beijing_Subway",
 )  # fmt: skip
 JOURNEYS: Final = ((None, None, False), (None, None, True), ("Zürich HB", "Zug", False), ("Luzern", "Thalwil", True))
-"""Journeys: first stop, last stop, and whether the line is driven from its end to its start."""
+"""Journeys: first stop, last stop, and whether the train runs from the line's end to its start."""
 MASS_RATIOS, RESISTANCE_RATIOS = (0.9, 1.2), (0.85, 1.2)
 """Ranges of mass and resistance, relative to the file, from which the values of a drive are drawn uniformly."""
 POSITION_SD_M, POSITION_MEMORY_S = 3.0, 30.0

@@ -131,8 +131,8 @@ def above_table(found: Sequence[TripAttribution]) -> Iterator[str]:
         attribution, likely = one.attribution, one.likely
         if not one.possible:
             (leg,) = attribution.legs
-            why = f"needs {leg.optimum.least_time_s:.0f} s, the trip took {leg.leg.trip_s:.0f} s"
-            yield f"| {one.trip} | {one.train} | it was not this train: it {why} | | | | | |"
+            why = f"its least time is {leg.optimum.least_time_s:.0f} s, the trip took {leg.leg.trip_s:.0f} s"
+            yield f"| {one.trip} | {one.train} | not possible with this train: {why} | | | | | |"
             continue
         low, high = kwh(likely.low_j), kwh(likely.high_j)
         friction = "–" if np.isnan(likely.by_friction_j) else f"{kwh(likely.by_friction_j):.0f} kWh"

@@ -121,7 +121,7 @@ def friction_for(trip: DrivenTrip, friction_brake_percent: float) -> float | Non
 
 
 def energy_shares(_bench: object, output: Output) -> None:
-    """Write the shares of both drivers and those of the paper, as CSV and picture."""
+    """Write the shares of both drivers and of the paper, as CSV and picture."""
     drawn: dict[str, list[Shares]] = {}
     for driver in DRIVERS:
         trip = drive(driver)

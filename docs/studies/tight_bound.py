@@ -50,14 +50,14 @@ ENOUGH_GAP_RATIO: Final = 1e-3
 SLOW_RATIO: Final = 0.9
 """Share of the gap that a pass may leave; if it leaves more, the search ends."""
 GROWTH: Final = 1.3
-"""Largest expected ratio of the time per cell of a pass to that of the pass before."""
+"""Largest expected ratio of the times per cell of two successive passes."""
 
 Floats = NDArray[np.float64]
 
 FORCE_SLACK_N: Final = 0.01
-"""Slack (N) within which runs keep the limits of their forces."""
+"""Largest excess (N) of runs that keep the limits of their forces."""
 SLACK_RATIO: Final = 1e-8
-"""Ratio within which runs keep all limits."""
+"""Largest excess, as a ratio, of runs that keep all limits."""
 SLOWEST_TAU: Final = 1e6
 """Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
@@ -218,7 +218,7 @@ def _slowest_hull(rows: MapRows, loss: LossMap) -> tuple[Floats, Floats]:
 
 
 def _on_forces(hull_n: Floats, psi_n: Floats, force_n: Floats) -> Floats:
-    """A hull at even forces (N), extended linearly on both sides."""
+    """A hull at evenly spaced forces (N), extended linearly on both sides."""
     found = np.interp(force_n, hull_n, psi_n)
     if len(hull_n) > 1:
         above, below = force_n > hull_n[-1], force_n < hull_n[0]

@@ -34,7 +34,7 @@ Ints = NDArray[np.int64]
 LOWEST_CRUISE_MPS = 1.0
 """Lowest speed (m/s) at which a strategy cruises or passes a crest."""
 SPEED_ROUNDING_MPS = 1e-10
-"""Difference (m/s) below which cruising speeds are the same."""
+"""Largest difference (m/s) between cruising speeds that count as the same."""
 SCANNED_SPEEDS = 8
 """Number of cruising speeds tried before the search around the best one."""
 GOLDEN_STEPS = 9
@@ -47,7 +47,7 @@ HIGHEST_PRICE_RATIO = 1e3
 SPARE_RATIO, SPARE_S = 1.2, 5.0
 """Multiple of the spare time, and additional time (s): an arc that loses more than their sum is given up."""
 NEAR_S = 0.7
-"""Distance (s) from the wanted time within which a set of arcs is adjusted to it by the cruising speed."""
+"""Largest deviation (s) from the wanted time that a set of arcs makes up with its cruising speed."""
 EXCHANGES = 5
 """Largest number of arcs that are exchanged to approach the wanted time."""
 TUNED_RATIO = 0.05
@@ -333,7 +333,7 @@ class FourModeSearch:
         return hit(drive, max(reached_mps * (1 - TUNED_RATIO), LOWEST_CRUISE_MPS), reached_mps, self.time_s)
 
     def _best_speeds(self, low_mps: float) -> list[float]:
-        """The cruising speeds tried (a scan, then golden section around the best), that of least dual value first."""
+        """The cruising speeds tried (a scan, then golden section around the best), least dual value first."""
 
         def bound_j(speed_mps: float) -> float:
             return self.arcs(speed_mps).bound_j()

@@ -21,7 +21,7 @@ from precompute.baselines import Strategy
 from precompute.baselines.strategies import Baseline
 
 Answer = Solution | Baseline
-"""A run: the optimal one, or that of a baseline strategy."""
+"""A run: the optimal one, or a baseline strategy's."""
 
 
 def solution_json(answer: Answer, min_time_s: float, solve_s: float) -> dict[str, Any]:

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from das.drawing.picture import Picture
 
 OFF_LINE_M: Final = 500.0
-"""Distance (m) between a stop's coordinates and its position on the line above which there is a warning."""
+"""Largest distance (m) between a stop's coordinates and its position on the line without a warning."""
 SHORT_LIMIT_M: Final = 20.0
 """Length (m) below which a limit is probably a mistake."""
 KINK_RATIO: Final = 0.03
-"""Change of gradient (m/m) at one point above which data are doubtful: real tracks are rounded out."""
+"""Largest change of gradient (m/m) at one point in credible data: real tracks are rounded out."""
 MOST_SIDEWAYS_MPS2: Final = 2.3
 """Sideways acceleration (m/s²) that a limit may give in a curve: 1.0 by cant (150 mm) and 1.3 uncompensated."""
 

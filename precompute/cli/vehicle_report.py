@@ -35,7 +35,7 @@ LEGEND = {
 RISES = 0.02
 """Largest rise of an effort curve with speed, as a share of its largest force, that causes no warning."""
 COARSE_MPS = 30.0 * KMH
-"""Distance (m/s) between points of an effort curve above which there is a warning."""
+"""Largest distance (m/s) between points of an effort curve without a warning."""
 
 
 class Performance(NamedTuple):

@@ -137,7 +137,7 @@ class Arcs(NamedTuple):
     other: NDArray[np.int32]
 
     def turned(self, states: int) -> Arcs:
-        """The same arcs seen from the other node, which has `states` states; neighbours in rising order."""
+        """These arcs seen from the other node, which has `states` states; neighbours in rising order."""
         source = np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), np.diff(self.start))
         order = np.argsort(self.other, kind="stable")
         counts = np.bincount(self.other, minlength=states)

@@ -215,7 +215,7 @@ ROOM = 1 << 18
 
 @kernel
 def _merge_pair(a, a_end, b, b_end, time, energy, parent, out, new_time, new_energy, new_parent):
-    """Merge two non-dominated lists (time rising, energy falling) into one such list at `out`; returns its end."""
+    """Merge two non-dominated lists (time rising, energy falling) into one at `out`; returns its end."""
     lowest = NEVER
     while a < a_end or b < b_end:
         if b >= b_end:

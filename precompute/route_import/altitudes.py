@@ -25,7 +25,7 @@ STRETCHES_PER_LENGTH: Final = 4
 """Number of gradients for each length of smoothing: with more, only planning would take longer."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0
-"""Distance (m) beyond which an altitude does not belong to the line."""
+"""Largest distance (m) from the line of an altitude that belongs to it."""
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 SAME_POINT_M: Final = 1.0
 

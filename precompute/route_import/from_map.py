@@ -26,13 +26,13 @@ from precompute.route_import.track_map import (
 )
 
 BESIDE_M: Final = 150.0
-"""Distance (m) from the path within which a station is a stop on the path."""
+"""Largest distance (m) from the path of a station that is a stop on the path."""
 STOPS_APART_M: Final = 50.0
 """Distance (m) below which two stops are the same stop."""
 MOST_ODD: Final = 12
 """Largest number of limits of an unusual form that a remark lists."""
 TUNNEL_AREA_M2: Final = 50.0
-"""Free cross section (m²) that is assumed for tunnels of a map; those of a double track have 40 to 90 m²."""
+"""Free cross section (m²) that is assumed for tunnels of a map; double-track tunnels have 40 to 90 m²."""
 OSM_SOURCE: Final = "© OpenStreetMap contributors"
 OSM_LICENCE: Final = "ODbL 1.0"
 

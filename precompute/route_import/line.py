@@ -127,8 +127,8 @@ _Zone = TypeVar("_Zone", bound=Zone)
 class ImportedLine:
     """A route made from a map or from tables; it is flat as long as its `altitudes` are `Altitudes.NONE`.
 
-    `structures` are its tunnels and bridges, where altitudes of the ground are not those of the track. `remarks` are
-    the assumptions, each in a sentence; they are written into the file as well.
+    `structures` are its tunnels and bridges, where the track is not at the altitude of the ground. `remarks` are the
+    assumptions, each in a sentence; they are written into the file as well.
     """
 
     route: Route
@@ -136,7 +136,7 @@ class ImportedLine:
     remarks: tuple[str, ...] = ()
 
     def with_remarks(self, *remarks: str) -> ImportedLine:
-        """The same line with more remarks; an empty one is left out."""
+        """The line with more remarks; an empty one is left out."""
         return replace(self, remarks=(*self.remarks, *(remark for remark in remarks if remark)))
 
 

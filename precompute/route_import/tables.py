@@ -25,7 +25,7 @@ MOST_ROWS: Final = 200_000
 SHORTEST_M: Final = 1.0
 """Least length (m) of a line from tables; after rounding, nothing would be left of a shorter one."""
 OFF_COURSE_M: Final = 500.0
-"""Distance (m) from the course of the line beyond which coordinates do not belong to it."""
+"""Largest distance (m) of coordinates from the course of the line to which they belong."""
 QUANTITIES: Final = {
     **dict.fromkeys(("position", "altitude", "length", "radius", "radius_start", "radius_end"), "length"),
     "limit": "speed",
@@ -251,7 +251,7 @@ def _course(table: LineTable | None) -> Course | None:
 
 
 def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
-    """A course whose positions are the lengths along it, or the same lengths up to that of the line (m)."""
+    """A course whose positions are the lengths along it, or these lengths scaled to the length of the line (m)."""
     points = np.array(course.rows("latitude", "longitude"))
     if len(points) < len(course.lines) or not (points[1:] != points[:1]).any():
         needs = "without positions every row needs latitude and longitude, and there are two places or more"

@@ -26,7 +26,7 @@ MOST_BYTES_OF_MAP: Final = 100_000_000
 MOST_VERTICES: Final = 2_000_000
 """Largest number of vertices of all tracks of a map. Assumption: the tracks of a large country have fewer."""
 FASTEST_MPS: Final = OF_ROUTES["speed_limit"].possible[1]
-"""Speed (m/s) above which a limit of the map counts as unknown, because it must be a mistake."""
+"""Highest credible limit (m/s) of a map; a higher one must be a mistake and counts as unknown."""
 TRACKS: Final = frozenset({"rail", "narrow_gauge", "light_rail", "subway", "tram", "preserved", "monorail"})
 """Values of `railway=*` that are tracks in use."""
 STATIONS: Final = {
@@ -353,7 +353,7 @@ def _tags(properties: Any) -> dict[str, str]:
 MOST_SHOWN: Final = 25
 """Largest number of names in a message."""
 ONE_STATION_M: Final = 3000.0
-"""Distance (m) beyond which places of the same name are different stations: the length of the largest yards."""
+"""Largest distance (m) between places of one station, the length of the largest yards; beyond it names coincide."""
 GENERIC: Final = frozenset(
     {
         *("station", "railway", "central", "halt", "of"),
@@ -411,7 +411,7 @@ def _named_tracks(the_map: TrackMap) -> Iterator[MapPlace]:
 
 
 def _one_station(the_map: TrackMap, wanted: str, found: Sequence[MapPlace]) -> tuple[MapPlace, ...]:
-    """The places that fit, best rank first; DasError if those of the best rank have several names or are far apart."""
+    """The places that fit, best rank first; DasError if the best ones have several names or are far apart."""
     kept = tuple(sorted(found, key=lambda place: place.rank))
     names = list(dict.fromkeys(place.name for place in kept if place.rank == kept[0].rank))
     if len({" ".join(_core(name)) or name for name in names}) > 1:

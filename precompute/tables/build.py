@@ -97,7 +97,7 @@ def missing_tables(folder: Path) -> list[str]:
 
 
 REPORT_EVERY_S = 5.0
-"""Time (s) since the last report after which the next outcome of a build causes a new report."""
+"""Least time (s) between two reports on the outcomes of a build."""
 
 
 def build(plan: BuildPlan, folder: Path, workers: Workers, watch: Callable[[Outcome], None]) -> dict[str, Any]:

@@ -12,13 +12,13 @@ from das.domain.vehicle import Resistance
 from precompute.vehicle_import.train import ImportedTrain, Mode, Points, number_in_si
 
 MOST_MODES = 500
-"""Largest number of modes and conditions of a rolling stock."""
+"""Largest number of modes and conditions of a rolling stock file."""
 _CONDITIONS = ("comfort", "electrical_profile_level", "power_restriction_code")
 _VOLTS = re.compile(r"(\d{3,6})\s*V")
 
 
 def is_rolling_stock(fields: Fields) -> bool:
-    """Whether a JSON file is a rolling stock of OSRD."""
+    """Whether a JSON file is a rolling stock file of OSRD."""
     return fields.has("effort_curves") or {"rolling_resistance", "inertia_coefficient"} <= set(fields.data)
 
 
@@ -58,7 +58,7 @@ def read_rolling_stock(fields: Fields) -> ImportedTrain:
 
 def _notes(fields: Fields) -> Iterator[str]:
     yield "the file gives no losses and no electric brake"
-    yield "the deceleration in service and of all brakes is gamma"
+    yield "gamma is used both as the service deceleration and as that of all brakes together"
     unused = [
         f"{key} = {fields.data[key]:g}"
         for key in ("comfort_acceleration", "startup_acceleration", "startup_time")
@@ -86,7 +86,7 @@ def _gamma(fields: Fields) -> float:
 
 
 def _modes(fields: Fields) -> Iterator[tuple[str, Mode]]:
-    """Every mode by its name, first with its curve for any condition, then with that of each condition."""
+    """Every mode by its name, first with its curve for any condition, then with the curve of each condition."""
     modes = fields.table("modes")
     modes.check_count("modes", list(modes.data), MOST_MODES)
     for name in modes.data:
@@ -120,7 +120,7 @@ def _volts(name: str) -> float | None:
 def _points(fields: Fields) -> Points:
     speeds, efforts = (fields.rows(key, "a list of numbers", MOST_POINTS) for key in ("speeds", "max_efforts"))
     if len(speeds) != len(efforts):
-        raise fields.error("max_efforts", f"{len(efforts)} numbers", f"{len(speeds)} numbers, one a speed")
+        raise fields.error("max_efforts", f"{len(efforts)} numbers", f"{len(speeds)} numbers, one per speed")
     return tuple(
         (
             in_si(fields.source, f"{fields.prefix}speeds[{i}]", speed, ("m/s", "speed")),

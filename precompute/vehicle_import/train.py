@@ -127,9 +127,8 @@ class Mode(NamedTuple):
 class ImportedTrain:
     """A train as described by a foreign file, in SI units, without losses.
 
-    `modes` holds its efforts by name, first those of the default mode; a train with one mode may call it "". `notes`
-    are the assumptions, and the unused data of the file. `empty` is the train without its load, if `mass_kg` includes
-    one.
+    `modes` holds its efforts by name, the default mode first; a train with one mode may call it "". `notes` are the
+    assumptions, and the unused data of the file. `empty` is the train without its load, if `mass_kg` includes one.
     """
 
     id: str

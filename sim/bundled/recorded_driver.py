@@ -37,7 +37,7 @@ class DriverStyle:
     approach_mps2: float = 0.35
     """Deceleration (m/s²) with which the driver plans the last braking to the stop."""
     full_effort_error_mps: float = 2.0
-    """Deviation of the speed (m/s) from which the driver uses full effort."""
+    """Least deviation (m/s) of the speed for which the driver uses full effort."""
     wander_mps: float = 2.0 * KMH
     wander_s: float = 40.0
     """Correlation time (s) of the error of the intended speed; its standard deviation is `wander_mps`."""

@@ -112,7 +112,7 @@ def example(
     The set of files holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts
     and a README.txt with the commands to run on them. Route and vehicle are invented; the trip is simulated.
 
-    A scenario is a simulated day on a line of your own, timed by a journey or with a buffer.
+    A scenario is a simulated run on a line of your own, timed by a journey or with a buffer.
     """
     if own.route is None and own.vehicle is None:
         refuse_given("needs --route and --vehicle", *OF_SCENARIOS)

@@ -103,7 +103,7 @@ ParticipantsOption = Annotated[
     typer.Option(
         "--participants",
         metavar="RANGE",
-        help="Human drivers of the population, like 1-30, each on every day [default: the average driver].",
+        help="Human drivers of the population, like 1-30, each in every run [default: the average driver].",
     ),
 ]
 

@@ -82,7 +82,7 @@ ENTRIES: Final = (
     Entry(
         name="run",
         where="sim.cli.run:run",
-        summary="Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded.",
+        summary="Simulate a run: a train, its driver and the advice node in a closed loop, everything recorded.",
         examples=("das-sim run departure-delay --driver human --advice speed-and-effort --seed 3",),
     ),
     Entry(

@@ -46,10 +46,10 @@ WAYS = {
 }
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
-    "the day was made from received messages: timetable, late departures, restrictions; what held the train up between "
+    "the run was made from received messages: timetable, late departures, restrictions; what held the train up between "
     "stops, wind and rail are not in it. Simulate it with advice and with --advice none to find what advice saved"
 )
-"""Data that a day driven again from a real drive lacks."""
+"""Data that a new simulation of a real drive lacks."""
 
 
 def check(
@@ -224,7 +224,7 @@ def export(
 
 @dataclass(frozen=True, kw_only=True)
 class WhatIfAsked:
-    """The changes of a what-if to the recorded day, as options; if `anew` is None, the others decide its kind."""
+    """The changes of a what-if to the recorded run, as options; if `anew` is None, the others decide its kind."""
 
     cab: CabOtherwise
     driven: DrivenOtherwise

@@ -1,4 +1,4 @@
-"""The command run, which simulates one day, and the parts that the command desk shares."""
+"""The command run, which simulates one run, and the parts that the command desk shares."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DayAsked:
-    """Options on the day to simulate, apart from its scenario."""
+    """Options on the run to simulate, apart from its scenario."""
 
     journey: JourneyOption = None
     advice: AdviceOption = Presentation.GUIDE
@@ -100,7 +100,7 @@ def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> 
 
 
 def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None = None) -> Day:
-    """The day of a seed, with its sections solved; prints warnings about unusual values of line and train."""
+    """The run of a seed, with its sections solved; prints warnings about unusual values of line and train."""
     from das.command_line.files import warn_once, warn_unusual
     from sim.world.service import make_day, prepare_service
 
@@ -112,7 +112,7 @@ def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None
 
 
 def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
-    """Run the day: over the bus if there is a recording to write, else in this process, with the table of the drive."""
+    """Simulate the run: over the bus if there is a recording to write, else in this process, with the drive's table."""
     from sim.world.disturbances import described
     from sim.world.driving import drive_day
     from sim.world.outcome import DayResult, outcome
@@ -194,7 +194,7 @@ def run(
     cards: CardsOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate a day: a train, its driver and the advice node in a closed loop, everything recorded."""
+    """Simulate a run: a train, its driver and the advice node in a closed loop, everything recorded."""
     who, factor = named_driver("--driver", driver), pace_factor(pace)
     if who is DESK:
         raise DasError(f"--driver {DESK}: a person drives at the desk: run das-sim desk {scenario}")

@@ -27,7 +27,7 @@ SAID_BY_THE_RECORDING: Final = "according to the recording, its trip and the opt
 NOT_WHOLE: Final = "the trip does not run from standstill to standstill at the stops"
 """Reason given for a drive without a departure from one stop and an arrival at another."""
 NO_PART: Final = f"{NOT_WHOLE}, nor does it have equal speeds 1 km apart"
-"""Reason given for a trip without such a departure and arrival and without a part that can be compared."""
+"""Reason given for a trip that does not stand at both its stops and has no part that can be compared."""
 IMPOSSIBLE_RATIO: Final = 0.05
 """Largest share of the time with more force than the assumed train has; above it, another train made the trip."""
 RECORDED: Final = ("start", "end", "trip_s", "driven_j", "optimum_j")
@@ -147,7 +147,7 @@ class AboveOptimum:
 
     @property
     def difference_j(self) -> float:
-        """Energy as driven minus that of the optimum (J), even if the two cannot be compared."""
+        """Energy as driven minus the optimum's (J), even if the two cannot be compared."""
         return self.driven_j - self.optimum_j
 
     @property

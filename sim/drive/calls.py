@@ -22,19 +22,19 @@ from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, StandingTime, known, minutes, stood_ns
 
 NEAR_M: Final = 100.0
-"""Distance (m) within which a standing train may be at a stop; of several standstills, the nearest counts."""
+"""Largest distance (m) from a stop of a train that stands at it; of several standstills, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""Distance (m) within which a train may be at a stop outside its journey: the head of a long train may be far away."""
+"""Largest distance (m) from a stop outside the journey of a train at it: the head of a long train may be far away."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeptCall:
     """One stop of a journey as served, in a run just driven or in a recording.
 
-    Times are in ns since 1970, 0 if there is none: those of the timetable (`due_`), and those of the train's arrival
-    and departure. `stood_m` is where the train stood, NaN if it did not stop. `reached`: the train got as far as the
-    stop. `stand`: the samples of the recording in which it stood. `passed_mps`: its speed there, if this is an end of a
-    part without a stop.
+    Times are in ns since 1970, 0 if there is none: timetabled times (`due_`), and the train's arrival and departure.
+    `stood_m` is where the train stood, NaN if it did not stop. `reached`: the train got as far as the stop. `stand`:
+    the samples of the recording in which it stood. `passed_mps`: its speed there, if this is an end of a part without a
+    stop.
     """
 
     name: str
@@ -99,7 +99,7 @@ class Travelled(NamedTuple):
 
     @property
     def way_m(self) -> float:
-        """The distance driven (m)."""
+        """The distance covered (m)."""
         return self.end_m - self.start_m
 
 
@@ -113,7 +113,7 @@ class AtStop(NamedTuple):
 
 def calls(table: DriveTable) -> tuple[KeptCall, ...]:
     """The stops of the last journey as served; empty without a journey. Without a timetable no times are due: the times
-    of the journey are then those of the drive itself.
+    of the journey are then taken from the drive itself.
     """
     if table.journey is None:
         return ()
@@ -215,7 +215,7 @@ def _late_s(time_ns: int, due_ns: int) -> float:
 PASSINGS: Final = "passings"
 """The key of a recording's metadata for the passings of its journey."""
 KEPT_S: Final = 1.0
-"""Time (s) beyond the tolerance within which a passing counts as kept, because states are recorded once a second."""
+"""Time (s) added to the tolerance of a passing, because states are recorded once a second."""
 
 
 @dataclass(frozen=True, kw_only=True)

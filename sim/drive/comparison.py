@@ -1,9 +1,9 @@
 """Compares drives on one line at the same positions, and their energies at equal arrival.
 
-At equal arrival: the difference of the energies, less that of the optima for each drive's times. The latter is
-the value of the time difference: the integral of λ, the optimum's price of time, over it (λ = −dE*/dT). Saved by
-advice: two drives of the same day by the same driver with the same brakes, one of them without advice, at equal
-arrival; without two such drives, nothing is stated. Both are in % of the mean of both optima, so that a kWh is the same
+Energy difference at equal arrival: the difference between the energies minus the difference between the optima for the
+drives' own times, which is the value of the time difference (λ = −dE*/dT integrated over it). Energy saved by advice:
+the difference at equal arrival between a run with advice and one without, with the same scenario and seed, driver and
+brakes; without two such runs no saving is stated. Both are in % of the mean of both optima, so that a kWh is the same
 share whatever the order of the drives.
 """
 
@@ -40,12 +40,12 @@ SAME_BRAKES: Final = {
     True: "Both energies are those of the simulated train, with the same habit of braking.",
     False: "Both energies are estimates for the planned train: its mass, resistance, wind and brakes are not known.",
 }
-"""Conditions of a difference if both drives have the same brakes; the key: their energy was measured."""
+"""Conditions stated with a difference if both drives have the same brakes; the key: their energy was measured."""
 OTHER_BRAKES: Final = (
-    "The brakes or the sources of the energies differ, so that both are estimates for the planned train with motors "
-    "that brake first; neither includes friction braking."
+    "The drives differ in their brakes or in the source of their energies. Both energies are therefore estimates for "
+    "the planned train, braking with the motors first; neither accounts for the friction braking that took place."
 )
-"""Conditions of a difference if the drives have other brakes."""
+"""Conditions stated with a difference if the drives have different brakes or energy sources."""
 
 
 def run_of(drive: Drive) -> Mapping[str, str]:
@@ -55,7 +55,7 @@ def run_of(drive: Drive) -> Mapping[str, str]:
 
 
 def brakes_of(drive: Drive) -> str:
-    """Words for the brakes that a drive was driven or estimated with, and for whether its energy was measured."""
+    """Words for the brakes used on a drive or assumed for it, and for whether its energy was measured."""
     run = run_of(drive)
     if not drive.energy.measured:
         known = any(leg.motion.friction_j is not None for leg in drive.energy.legs)
@@ -69,7 +69,7 @@ def brakes_of(drive: Drive) -> str:
 
 
 def same_brakes(drives: Sequence[Drive]) -> bool:
-    """Whether the energies of drives have the same source, with the same brakes."""
+    """Whether the energies of drives have the same source and assume the same brakes."""
     return len({brakes_of(one) for one in drives}) == 1
 
 
@@ -90,7 +90,7 @@ class EqualArrival:
 
     @classmethod
     def of(cls, first: Drive, other: Drive, *, own: bool) -> EqualArrival:
-        """Compare two drives by their own energies or, if their brakes differ, by those of motors that brake first."""
+        """Compare two drives by their `own` energies, otherwise by estimates with the motors braking first."""
         hangs_on = SAME_BRAKES[first.energy.measured] if own else OTHER_BRAKES
         before, after = ((one.energy.above if own else one.energy.motors_first) for one in (first, other))
         if before is None or after is None:
@@ -151,7 +151,7 @@ def _stops_differ(before: AboveOptimum, after: AboveOptimum) -> str:
 
 
 DAY: Final = ("scenario_sha256", "seed", "route_sha256", "vehicle_sha256", "loss_map_sha256", "level")
-"""Keys of metadata that are equal for two drives of the same day."""
+"""Keys of metadata that are equal for two runs with the same scenario, seed, line and train."""
 DRIVER: Final = ("driver", "driver_sha256")
 """Keys of metadata that are equal for two drives by the same driver."""
 
@@ -162,13 +162,13 @@ def why_not_saved(first: Drive, other: Drive) -> str:
     if not all(runs):
         return "this needs two simulated runs with the same disturbances, one of them without advice"
     if _apart(runs, DAY) or _day(first) != _day(other):
-        return "the days differ"
+        return "the runs differ in scenario, seed, line, train or disturbances"
     if _apart(runs, DRIVER) or _drawn(first).get("human") != _drawn(other).get("human"):
         return "the drivers differ"
     if not same_brakes((first, other)):
         return "the brakes differ"
     if sum(run.get("advice") == Presentation.NONE for run in runs) != 1:
-        return "exactly one of them must be driven without advice"
+        return "exactly one of them must be without advice"
     return ""
 
 
@@ -225,9 +225,9 @@ class SavedByAdvice:
 class DriveOnTrack:
     """A drive from its first departure to its last arrival, arrays of shape (samples,); positions never decrease.
 
-    `time_s` is on the drive's clock. `energy_j` counts from the first departure, between departures and arrivals;
-    `motors_first_j` is the same for the planned train whose motors brake first. `advised_mode` and `advised_mps` are
-    what the node advised at each sample (0 and NaN: nothing).
+    `time_s` is on the drive's clock. `energy_j` is cumulative from the first departure, without stops;
+    `motors_first_j` is its estimate for the planned train, braking with the motors first. `advised_mode` and
+    `advised_mps` are the node's advice at each sample (0 and NaN: none).
     """
 
     label: str
@@ -242,7 +242,7 @@ class DriveOnTrack:
 
     @property
     def train(self) -> str:
-        """The vehicle, as the journey names it."""
+        """The id of the vehicle stated in the journey."""
         journey = self.drive.table.journey
         return "" if journey is None else journey.vehicle_id
 
@@ -326,9 +326,9 @@ def _way(table: DriveTable) -> str:
 STEP_M = 10.0
 """Default distance between two positions (m)."""
 SAME_ADVICE_MPS = 0.5 / 3.6
-"""Difference (m/s) below which advised speeds are shown as the same."""
+"""Smallest difference (m/s) between two advised speeds that is shown."""
 SAME_S, SAME_J = 1e-6, 1.0
-"""Largest differences (s, J) between drives that are the same: such differences are rounding."""
+"""Differences (s, J) below which two drives count as identical; they are due to rounding."""
 EDGE_M = 0.5
 """Smallest distance (m) between ends of stretches; a closer end is left out."""
 
@@ -510,7 +510,7 @@ def _said(mode: int, speed_mps: float, digits: int) -> str:
 
 
 TOLD_S, TOLD_KWH = 0.5, 0.05
-"""Differences of time (s) and energy (kWh) up to which the sentences ignore them."""
+"""Differences of time (s) and energy (kWh) below which the sentences call the drives equal."""
 
 
 def as_dict(aligned: AlignedDrives) -> dict[str, Any]:
@@ -616,7 +616,7 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
     if other.train != first.train:
         told.append(f"They are different trains: {first.train} and {other.train}.")
     elif other.drive.table.inputs.vehicle.mass_kg != first.drive.table.inputs.vehicle.mass_kg:
-        told.append("They have the same train, but with different masses.")
+        told.append("The train is the same, but its mass differs.")
     told += energy_sentences(aligned, index)
     advised = aligned.first_different_advice(index)
     if advised is None:

@@ -62,7 +62,7 @@ class DriveEnergy:
         """The motion between the stops that were served; DasError if the train served fewer than two.
 
         Stops of a replayed trip count even if its journey does not name them. If the replay compared a part between
-        equal speeds, the legs are those of that part.
+        equal speeds, the legs cover that part.
         """
         return legs_of_drive(self.table, self.made, self.motion)
 
@@ -91,8 +91,8 @@ class DriveEnergy:
     def driven_j(self) -> float | None:
         """Energy at the current collector (J), from each departure to the next arrival; None if not known.
 
-        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured, or that
-        of the part that a replay estimated.
+        It is an estimate unless `measured`. If fewer than two stops were served, it is all the energy measured, or the
+        energy of the part that a replay estimated.
         """
         if self._of_true_train is not None:
             return self._of_true_train.driven_j
@@ -190,8 +190,8 @@ class DriveEnergy:
     def known_attribution(self) -> Attribution:
         """The energy attribution by cause and by place.
 
-        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is that of
-        the true train, else of the planned train; the causes are found with the planned train.
+        Raises DasError as `any_attribution` does, and if drive and optimum cannot be compared. The optimum is the true
+        train's, else the planned train's; the causes are found with the planned train.
         """
         path = self.table.recording.path
         if not isinstance(self._above, DasError) and self._above.why_not:

@@ -129,13 +129,13 @@ class Filter:
 
 
 MUCH_OVER_KMH: Final = 3.0
-"""Excess over the limit (km/h) above the error of a speedometer, from which a train is too fast."""
+"""Least excess (km/h) over the limit of a train that is too fast; less is within the error of a speedometer."""
 LONG_OVER_S: Final = 5.0
-"""Time (s) above the limit from which it counts as exceeded, not just touched."""
+"""Least time (s) above a limit that counts as exceeding it, not just touching it."""
 LONG_AWAY_S: Final = 10.0
-"""Time (s) from which inattention is more than a look at something else."""
+"""Least time (s) of inattention; anything shorter is a look at something else."""
 LARGE_DEVIATION_S: Final = 60.0
-"""Deviation from the timetable (s), present or expected, from which it is an event."""
+"""Least deviation (s) from the timetable, present or expected, that is an event."""
 
 
 def with_marks(events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
@@ -190,7 +190,7 @@ def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
     """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
 
     The operator reports the present lateness, the node predicts the lateness at arrival. Without a timetable there is
-    no such moment.
+    none.
     """
     if table.own_timetable:
         return
@@ -236,7 +236,7 @@ class Point(NamedTuple):
 def silences(table: DriveTable) -> tuple[Span, ...]:
     """The times without advice, each with its first reason: advice withdrawn, or no message from the node.
 
-    A drive without a node has no such times.
+    A drive without a node has none.
     """
     first_ns, last_ns = table.course.time_ns[[0, -1]].tolist()
     found: list[Span] = []
@@ -291,9 +291,9 @@ def points(table: DriveTable) -> tuple[Point, ...]:
 
 
 OFF_PLAN_MPS: Final = 0.3
-"""Deviation of the speed (m/s) from which a train has left the plan."""
+"""Least deviation (m/s) of the speed from the plan of a train that has left it."""
 OFF_PLAN_S: Final = 1.0
-"""Deviation of the time at a place (s) from which a train has left the plan."""
+"""Least deviation (s) of the time at a place from the plan of a train that has left it."""
 
 REPLANS: Final = {
     2: "the time of arrival changed",
@@ -360,7 +360,7 @@ def _off_plan(before: PlanMade, plan: PlanMade) -> str:
 
 def advice_events(table: DriveTable) -> Iterator[DriveEvent]:
     """Every change of the advised driving regime, as the display showed it, with its cause: the next step of the plan,
-    a new plan, or advice given again after a pause. If the display showed no regime, that of the speed profile counts.
+    a new plan, or advice given again after a pause. If the display showed none, the speed profile's counts.
     """
     plans, trip = new_plans(table), table.course
     made = [one.time_ns for one in plans]
@@ -428,7 +428,7 @@ def place_text(s_m: float) -> str:
 
 
 DELAY_STEP_S: Final = 15.0
-"""Change (s) since the last such event from which a delay is an event; smaller changes are frequent."""
+"""Least change (s) of a delay since its last event for a new event; smaller changes are frequent."""
 
 
 def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> tuple[DriveEvent, ...]:
@@ -518,7 +518,7 @@ def _restrictions(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def _delays(table: DriveTable) -> Iterator[DriveEvent]:
-    """An event for each delay that differs by at least `DELAY_STEP_S` from that of the last such event.
+    """An event for each delay that differs by at least `DELAY_STEP_S` from the delay of the last of these events.
 
     There is none without a timetable: older replays sent the node invented delays.
     """
@@ -535,18 +535,18 @@ def _delays(table: DriveTable) -> Iterator[DriveEvent]:
 LEVER_RATIO: Final = 0.03
 """Share of the effort below which a controller is at neutral."""
 LEAST_STOOD: Final = 5
-"""Display time (s) below which advice need not be followed: drivers take some seconds to react."""
+"""Least display time (s) of advice that must be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
 """Time (s) after which an act of the driver is no longer an answer to the advice."""
 LATE_ANSWER_S: Final = 10.0
 """Time (s) after which an answer is called late."""
 LEAST_STAND_S: Final = 1.0
-"""Standstill (s) below which a train on the way to its mark does not count as stopped."""
+"""Shortest standstill (s) on the way to the mark that counts as a stop."""
 PAUSE_NS: Final = 5_000_000_000
-"""Pause of the positions (ns) above which it is an event; they usually come once a second."""
+"""Longest pause (ns) of the positions that is no event; they usually come once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
-"""A driver's decisions about advice, and whether each means that he follows it."""
+"""A driver's decisions about advice, and whether each means that it is followed."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
     Regime.FULL_TRACTION: PULLS,

@@ -175,7 +175,7 @@ class DriveFigures:
         return {one.name: one.value for one in self.listed if one.name}
 
     def rows(self) -> list[tuple[str, str]]:
-        """Labels and words for tables; without those of a blank display or an absent guide."""
+        """Labels and words for tables, without the figures of a blank display or an absent guide."""
         return [(one.label, one.words) for one in self.listed if one.label]
 
 

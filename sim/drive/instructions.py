@@ -28,7 +28,7 @@ MOVED_S, MOVED_RATIO = 10.0, 0.35
 LEAD_S: Final = 1.9
 """Least lead (s) of a brake: 2 s, less the rounding of one advice message a second."""
 COAST_MISSES_MPS: Final = 5.5 * KMH
-"""Difference (m/s) between the end speed of coasting and its announced speed above which it counts as missed."""
+"""Largest difference (m/s) between the end speed of coasting and the announced one that does not count as missed."""
 LEAST_COAST_S: Final = 5.0
 """Least coasting time (s) for coasting to be assessed; it must also be half of the time shown."""
 ROLLS_N: Final = 2000.0
@@ -39,7 +39,7 @@ OBEYED_S, OBEYED_RATIO = 5.0, 0.8
 """Time (s) and share of the effort that define an obedient driver: speeds kept for that time, brakes with that
 share."""
 BRIEF_S, GAINS_S = 30.0, 1.0
-"""Time (s) to a brake, and gain (s) over holding, below both of which an acceleration counts as useless."""
+"""Least time (s) to a brake, and least gain (s) over holding; below both, an acceleration counts as useless."""
 MOVING_MPS: Final = 0.3
 """Speed (m/s) below which a train stands."""
 REMEMBERED: Final = 60
@@ -102,9 +102,9 @@ class RelianceFigures:
 class InstructionFigures:
     """Counts of the guide's instructions for a moving train.
 
-    `changes` is the number of changes of kind, `announced` those of them that were announced in time, or implied by the
-    previous instruction (holding the speed to which it leads). `brakes` begin after another kind; `led` of
-    them were shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
+    `changes` is the number of changes of kind, `announced` the number of them announced in time, or implied by the
+    previous instruction (holding the speed to which it leads). `brakes` begin after another kind; `led` of them were
+    shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
     `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
     `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction was
     shown, if neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
@@ -183,8 +183,7 @@ class _RelianceWatch:
         self._counts["silent_s"] += int(advice.mode) == Regime.NONE and not Cause(advice.cause).is_quiet
 
     def _judge_by_eye(self, told: _Told | None, advice: Any) -> None:
-        """Count a limit that begins before the stop during an instruction to stop by eye, if such a brake would exceed
-        it."""
+        """Count a limit before the stop during an instruction to stop by eye, if the brake by eye would exceed it."""
         if told is None or not told.by_eye or advice.guide.now.in_s > 0:
             self._stopping = None
             return

@@ -21,7 +21,7 @@ from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, Floats, Times, stretches_of
 
 OVER_MPS: Final = 1.0 * KMH
-"""Excess over a limit (m/s) above which a speed is too fast; less is within the error of a speedometer."""
+"""Largest excess (m/s) over a limit that does not count; it is within the error of a speedometer."""
 BEYOND_M: Final = 0.5
 """Distance (m) of the train's head beyond a signal above which it counts as passed."""
 

@@ -33,7 +33,7 @@ UNITS: Final = {
 RENAMED: Final = {
     "foxglove.LocationFix": {"latitude": "latitude_deg", "longitude": "longitude_deg", "altitude": "altitude_m"},
 }
-"""Units of fields of foreign messages, whose names have no suffix for the unit."""
+"""New names, with the unit as suffix, for fields of Foxglove messages, whose own names do not state a unit."""
 LEFT_OUT: Final = {
     "foxglove.LocationFix": ("timestamp", "position_covariance", "position_covariance_type", "color", "heading"),
     "foxglove.Log": ("timestamp", "file", "line"),
@@ -146,7 +146,7 @@ def _column(description: Any, messages: Sequence[Any | None], name: str, meaning
 
 
 def _named(values: list[Any], enumeration: Any) -> list[str | None]:
-    """The names of an enumeration's values in lower case, without their common beginning."""
+    """The names of an enumeration's values in lower case, without their common prefix."""
     names = {number: one.name for number, one in enumeration.values_by_number.items()}
     common = _common_word(list(names.values()))
     return [None if x is None else names.get(x, str(x))[len(common) :].lower() for x in values]

@@ -50,7 +50,7 @@ def read_notes(recording: Path) -> tuple[Note, ...]:
 
 
 def add_note(recording: Path, note: Note) -> Path:
-    """Add a note to those of a recording; rewrite the file of the notes as a whole and return its path.
+    """Add a note to a recording's notes; rewrite the file of the notes as a whole and return its path.
 
     Raises DasError if the text is empty or too long, or the file cannot be read or written.
     """

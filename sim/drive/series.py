@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim.drive.energy import DriveEnergy
 
 UNKNOWN_S: Final = 10.0
-"""Time (s) without records above which the curves of the drive have a gap."""
+"""Longest time (s) without records over which the curves of the drive have no gap."""
 
 
 class Quantity(NamedTuple):
@@ -63,7 +63,7 @@ QUANTITIES: Final = {
     "place": Quantity("Lost above the\noptimum", "kWh/km", "Energy lost above the optimum, by place"),
     "sum": Quantity("Sum from the\nstart", "kWh", "Energy lost above the optimum, summed over the places"),
 }
-"""The quantities; the name of a series begins with that of its quantity."""
+"""The quantities; the name of a series begins with the name of its quantity."""
 
 
 def quantity_of(name: str) -> str:

@@ -198,7 +198,7 @@ class DriveTable:
 
     @property
     def own_timetable(self) -> bool:
-        """Whether the times of the journey are those of the drive itself (a replay without a timetable)."""
+        """Whether the times of the journey come from the drive itself (a replay without a timetable)."""
         return own_timetable(self.recording)
 
     @cached_property
@@ -271,7 +271,7 @@ def _display(presentations: NDArray[Any]) -> Presenter:
 
 
 def _objects(recording: Recording, topic: Topic) -> dict[str, NDArray[Any]]:
-    """The columns of a topic other than numbers: the display's content for each advice, its reason, and the cab's
+    """The columns of a topic other than numbers: the displayed content of each advice message, its reason, the cab's
     content."""
     messages = [entry.message for entry in recording.of(topic)]
     if topic is topics.CAB:

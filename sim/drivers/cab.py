@@ -18,7 +18,7 @@ from sim.plant import kernels
 from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command, TrainNumbers
 
 AT_STOP_M = 10.0
-"""Distance from its stop (m) within which a standing train has arrived, with its doors at the platform."""
+"""Largest distance (m) from its stop of a standing train that has arrived, with its doors at the platform."""
 
 
 class Efforts(NamedTuple):
@@ -90,7 +90,7 @@ class AdviceView:
     def departure(self) -> AdviceView:
         """The advice to depart, as displayed once the train is cleared.
 
-        Advice other than DEPART is returned unchanged, as is that of a display that does not show how to drive.
+        Advice other than DEPART is returned unchanged, as is the advice of a display that does not show how to drive.
         """
         if self.mode != Regime.DEPART or self.next_mode == Regime.NONE:
             return self
@@ -118,7 +118,7 @@ class AdviceView:
 class CabView(NamedTuple):
     """The information of the driver at a moment (times in s on the cab's clock).
 
-    `s_m` is the position according to the kilometre marks, `speed_mps` and `limit_mps` are those displayed. `stop_m` is
+    `s_m` is the position according to the kilometre marks, `speed_mps` and `limit_mps` are as displayed. `stop_m` is
     the next timetabled stop, due at `arrival_s`. The train may leave from `departure_s` on if it `may_depart` (doors
     closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
     shown; `cause` is then the reason, by its number on the bus. `late_s` is the lateness against the plan,

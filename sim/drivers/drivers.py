@@ -54,7 +54,7 @@ class FastDriver:
 
 
 class TopSpeedDriver(FastDriver):
-    """Keeps to one top speed: that of the display or, without one, an estimate at departure of the speed that keeps
+    """Keeps to one top speed: the displayed one or, without a display, an estimate at departure of the speed that keeps
     time.
 
     When the top speed is lowered, the train rolls down to it, unless a limit or a stop ahead requires braking.

@@ -28,17 +28,17 @@ class HumanSettings:
     settled_ratio: float = 0.25
     """Share of the dead band down to which the speed error is corrected."""
     roll_mps: float = 2.0
-    """Excess (m/s) over the intended speed from which a driver brakes."""
+    """Least excess (m/s) over the intended speed for which a driver brakes."""
     released_ratio: float = 0.6
     """Share of the planned deceleration down to which the brakes stay applied."""
     settled_mps: float = 0.1
     """Excess over a limit (m/s) at which braking for it ends."""
     regained_s: float = 10.0
-    """Time (s) within which a train on a descent would gain the dead band, so that the brakes stay applied."""
+    """Least time (s) of gaining the dead band of speed on a descent for releasing the brakes there."""
     eased_s: float = 6.0
     """Time (s) in which a driver removes the excess over a limit by braking."""
     nearest_m: float = 0.3
-    """Distance from the mark (m) below which, and beyond the mark, the driver brakes with the planned deceleration."""
+    """Last distance (m) before the mark; there, and beyond the mark, the driver brakes as planned."""
     missed_m: float = 0.5 * AT_STOP_M
     """Largest misjudgement (m) of the place of a mark. Braking adds its own error, and a train further off than
     `AT_STOP_M` counts as not arrived."""
@@ -51,13 +51,13 @@ class HeedingSettings:
     warning_mps: float = 1.5
     """Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """Margin (m/s) below the highest permitted speed within which that speed has priority over advice."""
+    """Margin (m/s) below the highest permitted speed; within it, that speed has priority over advice."""
     eased_off_s: float = 1.5
     """Time (s) before the train reaches a speed at which a driver who accelerates to it eases off."""
     expected_within_s: float = 5.0
-    """Time (s) from an announced change within which a change of the advice counts as announced."""
+    """Longest time (s) between a change of the advice and the announced change for it to count as announced."""
     made_good_s: float = 20.0
-    """Displayed lateness (s) from which a driver drives as fast as allowed; at the same earliness, just in time."""
+    """Least displayed lateness (s) for driving as fast as allowed, and least earliness for driving just in time."""
     creeps_mps: float = 10.0 * KMH
     """Lowest speed (m/s) of a driver who brakes for a stop by eye, before braking is necessary."""
     least_effort_s: float = 4.0
@@ -110,7 +110,7 @@ class Errors:
 
     @property
     def speed_mps(self) -> float:
-        """The excess (m/s) of the driven speed over the intended one."""
+        """The excess (m/s) of the actual speed over the intended one."""
         return self._human.speed_error_mps * self._speed.value
 
     @property

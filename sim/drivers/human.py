@@ -1,5 +1,4 @@
-"""A human driver, who glances at the display at intervals, reacts late, does not always follow advice, and makes
-errors."""
+"""A human driver, who glances at the display at intervals, reacts late, makes errors, and may not follow advice."""
 
 from __future__ import annotations
 
@@ -202,7 +201,7 @@ class DisplayReading:
 
 
 BEGUN_RATIO = 0.5
-"""Share of an effort from which a driver who has set it has begun the acceleration or brake."""
+"""Least share of an effort at which the acceleration or brake has begun for the driver who set it."""
 
 
 class Motion:
@@ -249,7 +248,7 @@ class Departure:
 
 
 class HumanDriver:
-    """Drives by the information in the cab, with human limitations; the same seed and stream give the same drive, bit
+    """Drives with the information in the cab and human limitations; the same seed and stream give the same drive, bit
     for bit.
 
     Except in lapses, the driver watches limits and stops all the time, and the display only at glances.
@@ -308,7 +307,7 @@ class HumanDriver:
         return lever(self._hand.setting, friction_ratio=friction_ratio)
 
     def _wanted(self, cab: CabView, outlook: Outlook) -> float:
-        """The wanted setting, by advice or habit, but never more than limits and stops allow."""
+        """The wanted setting, from advice or habit, but never more than limits and stops allow."""
         handling, heeded, reach_s = self.handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
@@ -371,7 +370,7 @@ class HumanDriver:
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The highest speed of the driver: the display's top speed, or an own one, from just in time to fast."""
+        """The highest speed of the driver: the display's top speed, or the driver's own, from just in time to fast."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps

@@ -37,7 +37,7 @@ _CRAWL_MPS = 0.5
 
 @kernel
 def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: ignore[no-untyped-def]
-    """The greatest w at each node from which planned braking keeps the limits ahead and ends in a standstill. Planned
+    """The greatest w at each node with which planned braking keeps the limits ahead and ends in a standstill. Planned
     braking is at most `braking` (m/s²), and at most the share `reserve` of the brakes' capability.
     """
     n = limit.size

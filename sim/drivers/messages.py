@@ -1,4 +1,4 @@
-"""The cab as a message of the bus, and the advice and commands in such messages; numbers are kept exactly."""
+"""The cab as a message of the bus, and the advice and commands in cab messages; numbers are kept exactly."""
 
 from __future__ import annotations
 

@@ -241,7 +241,7 @@ class Population:
     def draw(self, number: int) -> dict[str, float]:
         """The values of a participant's parameters, by name.
 
-        The same number is the same person in every run. A parameter added at the end of the file does not change the
+        A number means the same person in every run. A parameter added at the end of the file does not change the
         others.
         """
         independent = [_normal(number, spread.name) for spread in self.spreads]

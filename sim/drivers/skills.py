@@ -54,7 +54,7 @@ class Skills:
 
     @property
     def outlook(self) -> Outlook:
-        """The line up to the next halt, with the highest speed from which planned braking keeps all limits and stops
+        """The line up to the next stop, with the highest speed whose planned braking keeps all limits and stops
         ahead."""
         assert self._outlook is not None, "call see(cab) first"
         return self._outlook
@@ -146,7 +146,7 @@ class WanderingError:
         self._time_s: float | None = None
 
     def at(self, time_s: float) -> float:
-        """The error at a time (s), which must not be before that of the last call."""
+        """The error at a time (s), which must not be before the time of the last call."""
         if self._time_s is not None:
             self._wander.over(time_s - self._time_s)
         self._time_s = time_s

@@ -35,21 +35,21 @@ class RuleSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingSettings:
-    """Parameters of holding a speed and stopping at a mark, chosen so that trains neither hunt nor creep."""
+    """Parameters of holding a speed and stopping at a mark, against oscillating around a speed and creeping."""
 
     ahead_s: float = 0.2
-    """Time (s) over whose distance the slope of a ceiling is taken, which is one look."""
+    """Time ahead (s) over which the slope of the speed ceiling is measured; equal to one look."""
     gain_per_s: float = 0.5
     """Share of a speed error that is corrected per second."""
     stopping_mps: float = 10.0
-    """Speed (m/s) below which a train brakes for its halt with the deceleration that the distance left needs."""
+    """Speed (m/s) from which on a train brakes for its stop with the deceleration that the remaining distance needs."""
     stopping_ratio: float = 0.85
-    """Share of the planned deceleration that the remaining distance needs when such braking begins."""
+    """Share of the planned deceleration; braking to the stopping point begins when the remaining distance needs it."""
     last_m: float = 0.05
-    """Distance from the halt (m) below which, and beyond the halt, the planned deceleration is used."""
+    """Last distance (m) before the stopping point; there, and beyond the point, the planned deceleration is used."""
     last_mps: float = 0.02
-    """Speed (m/s) at the halt below which the planned deceleration is used: a train with more resistance than known
-    would creep indefinitely."""
+    """Speed (m/s) at the stopping point below which the planned deceleration is used: otherwise a train with more
+    resistance than the driver assumes would creep indefinitely."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,17 +57,17 @@ class FollowingSettings:
     """Parameters of a perfect driver. All values are assumptions."""
 
     stopping_s: float = 10.0
-    """Time (s) within which advice must end in a standstill for the driver to brake for the mark without advice."""
+    """Time (s) ahead; if the advised speed reaches 0 within it, the driver brakes to the mark without advice."""
     minded_mps: float = 1.0
-    """Speed (m/s) below that allowed by a restriction or a signal from which advice is no longer followed."""
+    """Margin (m/s) below the speed that restrictions and signals allow; a faster driver no longer follows advice."""
     least_braking_mps2: float = 0.05
-    """Deceleration (m/s²) below which a halt is still far away: the driver continues without advice."""
+    """Needed deceleration (m/s²) below which a stop is still far away: the driver continues without advice."""
     creeping_mps: float = 0.3
-    """Speed (m/s) below which advice to brake is advice to halt."""
+    """Advised speed (m/s) below which advice to brake is advice to stop."""
     rolling_mps: float = 0.3
-    """Excess over a limit (m/s) up to which a coasting train may roll, the precision to which the display is read."""
+    """Excess (m/s) over a limit that a coasting train may reach, the precision to which the display is read."""
     read_mps: float = 0.3
-    """Distance (m/s) within which a driver who only follows the card considers a speed reached (reading accuracy)."""
+    """Shortfall (m/s) at which an accelerating driver who only follows the card considers a speed reached (reading)."""
     motors_ratio: float = 1.08
     """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and at a lower
     speed the motors give more."""
@@ -135,7 +135,7 @@ def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.
 
 
 def needed_braking_mps2(cab: CabView, mark_m: float) -> float:
-    """The deceleration (m/s²) that ends at the mark: v²/(2·distance); inf beyond the mark."""
+    """The deceleration (m/s²) that stops the train at the mark: v²/(2·distance); inf beyond the mark."""
     way_m = mark_m - cab.s_m
     return cab.speed_mps**2 / (2.0 * way_m) if way_m > 0 else math.inf
 

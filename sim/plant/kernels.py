@@ -72,7 +72,7 @@ class PlantState(NamedTuple):
 class TrainNumbers(NamedTuple):
     """The train's numbers for the kernels (SI; see `das.domain.vehicle.Vehicle`).
 
-    The adhesive forces are those of a dry rail per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
+    The adhesive forces are for a dry rail, per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
     `traction_curve` and `electric_curve` (n, 2) are effort curves: rising speeds with their largest forces, no rows if
     the train has none.
     """

@@ -50,11 +50,11 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
 
 
 LATE_AFTER_S = 1.0
-"""Delay (s) from time stamp to recording from which advice counts as late for the driver as well."""
+"""Least delay (s) from time stamp to recording of advice that counts as late for the driver as well."""
 SLOW_AFTER_S = 1.0
 """Computing time (s) above which advice comes only when the next advice is due."""
 LONGEST_GAP_S = STALE_AFTER_S
-"""Gap (s) of the positions above which the node withdraws its advice and the display goes dark."""
+"""Longest gap (s) of the positions with advice; in a longer one the node withdraws it and the display goes dark."""
 GAP_INTERVALS = 2.5
 """Number of usual intervals without a message from which a topic slower than once a second has a gap."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
@@ -328,7 +328,7 @@ TIMES: Final = {
 def _speed_of_advice(recording: Recording) -> dict[str, dict[str, float] | None]:
     """The times of solving, advising and transfer to the recorder (s): median and maximum.
 
-    None: not measured, because the clock is that of a simulation. A time without messages is left out.
+    None: not measured, because a simulation gives the time. A time without messages is left out.
     """
     status = recording.columns(topics.STATUS, "solve_s", "last_advice_s")
     measured = {"solve_s": status["solve_s"], "advice_s": status["last_advice_s"]}

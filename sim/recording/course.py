@@ -28,7 +28,7 @@ OWN_TIMETABLE: Final = "own_timetable"
 
 
 def own_timetable(recording: Recording) -> bool:
-    """Whether the times of a journey are those of the drive itself, because its replay had no timetable."""
+    """Whether the times of a journey come from the drive itself, because its replay had no timetable."""
     return OWN_TIMETABLE in recording.metadata.get("run", {})
 
 
@@ -59,7 +59,7 @@ class DrivenCourse:
         return since_ns
 
     def between_ns(self, start_ns: int, end_ns: int) -> Times:
-        """The times (ns) of a part of the course: both its ends, and those of the positions between them."""
+        """The times (ns) of a part of the course: at both its ends, and at the positions between them."""
         inside = self.time_ns[(self.time_ns > start_ns) & (self.time_ns < end_ns)]
         return np.concatenate(([start_ns], inside, [end_ns]))
 
@@ -95,7 +95,7 @@ _OF_DAY: Final = re.compile(r"\d\d:\d\d(:\d\d(\.\d+)?)?Z", re.IGNORECASE)
 
 @dataclass(frozen=True, kw_only=True)
 class DriveClock:
-    """A clock that shows 0 at `zero_ns` (ns since 1970); times of day are those of a time zone.
+    """A clock that shows 0 at `zero_ns` (ns since 1970); times of day are in a time zone.
 
     The zero is the timetable's first departure, as in the tables of a run; without a timetable it is the departure of
     a replayed trip, or else the first position.

@@ -19,7 +19,7 @@ WHAT_IF: Final = "what_if"
 OF, OF_SHA256, CHANGED = "what_if_of", "what_if_of_sha256", "what_if_changed"
 """Keys of a what-if: the recording that it starts from, that file's hash, and the changes in words."""
 NOTHING: Final = "nothing"
-"""Text for a day without disturbances, and for a what-if without changes."""
+"""Text for a run without disturbances, and for a what-if without changes."""
 _warned: set[str] = set()
 """Warnings that the process has printed."""
 

@@ -94,7 +94,7 @@ INK: Final = LIGHT.ink
 PAGE_WIDTH_IN: Final = 9.0
 TEXT_POINTS: Final = 8.5
 EDGE_M: Final = 50.0
-"""Distance (m) beyond the ends of the drawn part of the line within which a stop is drawn as well."""
+"""Distance (m) by which a stop that is drawn may lie beyond the ends of the drawn part of the line."""
 
 
 def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
@@ -164,8 +164,8 @@ SHOWN_IN: Final = 0.3
 
 
 def comparison_figure(aligned: AlignedDrives) -> Figure:
-    """Compared drives over the position: speeds with the results, contents of displays, and time and lost energy minus
-    those of the first drive."""
+    """Compared drives over the position: speeds with the results, contents of displays, and time and lost energy
+    compared with the first drive."""
     shown = [(one, lane) for one in aligned.drives for lane in lanes(one.drive) if lane.name == "shown"]
     figure, axes = light_figure((2.6, *(SHOWN_IN for _ in shown), 1.3, 1.3))
     (speed, *told), (time, energy) = axes[:-2], axes[-2:]

@@ -49,7 +49,7 @@ FIGURE: Final = re.compile(r"[+-]?\d[\d.]*")
 
 @dataclass(frozen=True, kw_only=True)
 class Timelines:
-    """Puts messages on all timelines: the clock of the line (shown at first), that of the drive, and the position.
+    """Puts messages on all timelines: the clock of the line (shown at first), the clock of the drive, and the position.
 
     The viewer opens at the earliest moment of a timeline, so `opening_ns` is the first moment that is drawn.
     """
@@ -61,7 +61,7 @@ class Timelines:
 
     @classmethod
     def of_scene(cls, scene: ReviewScene) -> Timelines:
-        """The timelines of a scene: they begin at the first bookmark if the train stood until then, else at the first
+        """The timelines of a scene, from the first bookmark if the train stood until then, else from the first
         position."""
         trip = scene.trip
         first_ns = min((one.time_ns for one in scene.bookmarks), default=int(trip.time_ns[0]))
@@ -182,7 +182,7 @@ def fitting(state: str, letters: float) -> str:
 
 
 def _bookmarks(out: rr.RecordingStream, lines: Timelines, scene: ReviewScene) -> None:
-    """Send the bookmarks as points on the driven speed, and as a list in which a click leads to their time."""
+    """Send the bookmarks as points on the speed curve, and as a list in which a click leads to their time."""
     if not scene.bookmarks:
         return
     trip, time_ns = lines.trip, np.array([one.time_ns for one in scene.bookmarks])
@@ -233,7 +233,7 @@ DRIVING: Final = (WAY, "advised", "shown", "signal", COST)
 NODE: Final = ("advised", "node", "no advice")
 """Names of the lanes about the driving (`DRIVING`) and about the node (`NODE`)."""
 LANES: Final = "/"
-"""The origin of a view of lanes: their names are those of entities at the root."""
+"""The origin of a view of lanes: their names are names of entities at the root."""
 TABS: Final = {
     "Over time": (
         Row("speed", 2.0),
@@ -304,7 +304,7 @@ def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical 
 
 
 def _said(lanes: tuple[str, ...], found: set[str]) -> tuple[str, ...]:
-    """The lanes; that of the modes advised is left out if the lane of the display is shown."""
+    """The lanes; the lane of the modes advised is left out if the lane of the display is shown."""
     return tuple(one for one in lanes if not (one == "advised" and {"shown"} & found & set(lanes)))
 
 

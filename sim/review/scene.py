@@ -312,7 +312,7 @@ class ReviewScene:
 
     @property
     def lanes_in_words(self) -> tuple[Lane, ...]:
-        """The lanes; that of the display has its words ("hold 120") instead of modes, if it said how to drive."""
+        """The lanes; the display's lane has its words ("hold 120") instead of modes, if it said how to drive."""
         said = instructions(self.drive)
         return tuple(said if one.name == said.name and said.changes else one for one in self.lanes)
 
@@ -326,7 +326,7 @@ class ReviewScene:
         return self.trip.at(time_ns, self.trip.s_m) / KM
 
     def over_distance(self, names: Iterable[str]) -> Iterator[Trace]:
-        """Those of the named series that have a value, over distance, in the order of the names."""
+        """Series, over distance, in the order of the names; only the named ones that have a value."""
         placed, trip = {one.name: one for one in self.placed}, self.trip
         for name in names:
             time_ns, values = self.series.get(name, NOTHING)

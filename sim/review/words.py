@@ -59,7 +59,7 @@ IN_ENGLISH: Final = DisplayWords()
 def cards(table: DriveTable, said: DisplayWords = IN_ENGLISH) -> tuple[Card, ...]:
     """The driver's view, a card for each change; if no display was recorded, the node's advice.
 
-    The words of the display are in its language, those of the review are in English.
+    The words of the display are in its language, the words of the review in English.
     """
     topic, kind = ("cab", CabRow) if table.has("cab") else ("advice", AdviceRow)
     rows = (one.tolist() for one in table.of_topic(topic, *kind._fields))

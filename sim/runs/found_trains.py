@@ -35,8 +35,8 @@ def described_trains(
 ) -> tuple[list[dict[str, Any]], Section | None]:
     """Every train that was tried on a trip, for JSON, the likeliest first; and the section for that train as fitted.
 
-    There is no section if no train can have driven the trip, or none of them can run there. Energies and optima are
-    those of the train with the mass and the resistance found. Raises DasError for a trip that is too short.
+    There is no section if no train can have made the trip, or none of them can run there. Energies and optima are those
+    of the train with the mass and the resistance found. Raises DasError for a trip that is too short.
     """
     found = find_train(trip, trains)
     likely = shares(found)

@@ -83,10 +83,10 @@ def check_timing(options: ReplayOptions) -> None:
 
 
 def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -> ReplayTiming:
-    """The timetable of a trip: that of a journey, or the two figures of the options, or the recording's.
+    """The timetable of a trip: a journey's, or the two figures of the options, or the recording's.
 
     Without a due arrival in any of them, the trip itself is the timetable: it is on time. Raises DasError for a delay
-    without such a time, for a journey that is not of this trip, and for a train that is due to arrive before it
+    without a due arrival, for a journey that is not of this trip, and for a train that is due to arrive before it
     departs.
     """
     departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
@@ -248,9 +248,9 @@ def smoothed_legs(trip: Trip) -> Smoothed:
 def compared_legs(trip: Trip, section: Section) -> Smoothed:
     """The legs of a trip that can be compared with the optima of a section's train, under another smoothing.
 
-    If the trip does not stand at both its stops, they are those of its longest part between equal speeds. Smoothing
-    changes neither the times nor the speeds of its ends, so that no kinetic energy is counted. DasError if there is no
-    such part.
+    If the trip does not stand at both its stops, they cover its longest part between equal speeds. Smoothing changes
+    neither the times nor the speeds of its ends, so that no kinetic energy is counted. DasError if there is no such
+    part.
     """
     if trip.whole:
         return smoothed_legs(trip)

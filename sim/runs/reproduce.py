@@ -1,4 +1,4 @@
-"""Reproduces a recording: today's cab gets the recorded messages, and its answers are compared with the old ones.
+"""Reproduces a recording: the cab of this version gets the recorded messages; its answers are compared with the old.
 
 The cab is rebuilt from the options of the recording's node; a what-if sends its own messages to such a cab.
 """
@@ -79,7 +79,7 @@ class NodeGiven:
         except TyperException as error:
             raise DasError(f"options of the node: {error.format_message()} (give them with --node)") from None
         if not kept:  # --help or --version were among them
-            raise DasError("options of the node: expected those with which it advises")
+            raise DasError("options of the node: expected options for a normal start, without --help or --version")
         return kept[0]
 
 
@@ -146,7 +146,7 @@ def _with_files(contents: Contents, given: NodeGiven, folder: Path) -> list[str]
             words[place] = str(files.place_vehicle() if kind == "vehicle" else files.place(kind))
         else:
             what = kind.replace("_", " ")
-            given.notes.append(f"the recording does not contain its {what}: {words[place]} of today is used")
+            given.notes.append(f"the recording does not contain its {what}: the present {words[place]} is used")
     return words
 
 
@@ -164,8 +164,8 @@ def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Pa
     for option, name in named:
         if name is not None and name not in bundled and not Path(name).resolve().is_relative_to(folder.resolve()):
             raise DasError(
-                f"{recording}: names {option} {name}, which is not attached, and opened only if you name it: "
-                f"expected --node with all options of das-node, {option} among them"
+                f"{recording}: its node used {option} {name}, which is neither attached nor bundled; such a file is "
+                f"opened only if you name it: give all options of das-node with --node, {option} among them"
             )
 
 
@@ -343,13 +343,13 @@ TOLERANCES: Final = {
 """Largest differences of numbers, by the unit at the end of their names. Another machine rounds differently in the last
 digits; another decision changes numbers by more."""
 RELATIVE: Final = 1e-5
-"""Share by which numbers without such a unit, like energies, may differ."""
+"""Share by which numbers without a unit in `TOLERANCES`, like energies, may differ."""
 
 
 class FieldDifference(NamedTuple):
-    """One field of a message that differs: its path, its recorded value, today's value, and their difference.
+    """One field of a message that differs: its path, its recorded and its new value, and their difference.
 
-    `by` is NaN if the values are no numbers.
+    `by` is NaN if the values are not numbers.
     """
 
     path: str
@@ -484,7 +484,7 @@ def _value(path: str, one: Any, other: Any, description: Any) -> Iterator[FieldD
 
 
 def tolerance(name: str, value: float) -> float:
-    """Tolerance of a value of this field to the recorded one; counts and ticks must be equal."""
+    """Largest allowed deviation of a value of this field from the recorded one; counts and ticks must be equal."""
     for unit, amount in TOLERANCES.items():
         if name.endswith(unit):
             return amount
@@ -515,7 +515,7 @@ class Reproduction:
 
     @property
     def same(self) -> bool:
-        """Whether today's cab sends the recorded messages."""
+        """Whether the cab of this version sends the recorded messages."""
         return not self.comparison.differences
 
     def as_dict(self) -> dict[str, Any]:
@@ -582,7 +582,7 @@ def reproduce(
 
 
 def without_waiting(plan: CabPlan) -> CabPlan:
-    """The same cab, but it makes its plans within a tick and measures no time."""
+    """The plan of a cab that solves within a tick and measures no time."""
     return replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
 
 

@@ -27,19 +27,19 @@ could change to a wrong part of the record and back, as if the train braked and 
 LEAST_KEPT_RATIO: Final = 0.5
 """Share of a record's points that must fit together, or of the section that the points must cover."""
 STALL_HALF_WINDOW_S: Final = 15.0
-"""Time (s) within which the positions of a receiver that stalled have caught up again."""
+"""Longest time (s) until the positions of a receiver that stalled have caught up again."""
 WRONG_SPEED_MPS: Final = 4.0
-"""Difference (m/s) from the speed of the positions above which, and above `WRONG_SPEED_RATIO`, a reported speed is
-wrong; a delay of 3 s at 1 m/s² explains less."""
+"""Largest difference (m/s) of a right speed from the speed of the positions; beyond it and `WRONG_SPEED_RATIO` it is
+wrong. A delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
-"""Distance (m) from the place that its neighbours give beyond which a position is a jump, if no change of speed
-explains it."""
+"""Largest distance (m) of a position from the place that its neighbours give; beyond it the position is a jump, if no
+change of speed explains it."""
 CHANGE_MPS2: Final = 1.0
 """Largest acceleration (m/s²) of a train between its points: no train brakes harder in service."""
 STEPS_AROUND: Final = 5
 """Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""Least distance to the next position if a repeated one was wrong, as a share of that by the reported speeds."""
+"""Least distance to the next position if a repeated one was wrong, as a share of the distance from reported speeds."""
 LATE_S: Final = 5.0
 """Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02
@@ -55,16 +55,16 @@ DERIVED_HALF_WINDOW_S: Final = 5.0
 WRONG_SPEED_RATIO: Final = 0.2
 """Share of the speed from positions by which a wrong reported speed must also differ."""
 EDGE_MPS: Final = 1.0
-"""Difference (m/s) from which a speed next to a wrong one is wrong as well if it jumps (`EDGE_MPS2`) or repeats
+"""Least difference (m/s) of a speed next to a wrong one that is wrong as well if it jumps (`EDGE_MPS2`) or repeats
 (`SAME_MPS`)."""
 EDGE_MPS2: Final = 1.5
 """Change of speed (m/s²) that counts as a jump."""
 SAME_MPS: Final = 0.05
-"""Difference (m/s) from the previous speed below which a speed repeats."""
+"""Largest difference (m/s) from the previous speed of one that repeats it."""
 GAP_S: Final = 5.0
 """Least duration (s) of a gap, if it is also longer than `GAP_STEPS` usual intervals."""
 GAP_STEPS: Final = 3.0
-"""Number of usual intervals between points above which a time without points is a gap."""
+"""Longest time between points, in usual intervals, that is no gap."""
 SPARSE_S: Final = 30.0
 """Time without points (s) that is a gap in any record, even a sparse one."""
 

@@ -34,9 +34,9 @@ ESTIMATE_WIND_MPS: Final = 5.0
 ESTIMATE_HELD_S: Final = 8
 """Time (s) for which the strongest force must be held; smoothing hides shorter peaks."""
 ESTIMATE_FOREIGN_RATIO: Final = 0.005
-"""Share of the time with more force than the vehicle has above which another vehicle drove the trip."""
+"""Largest share of the time with more force than the vehicle has; beyond it, another vehicle made the trip."""
 CHOICE_OVERSPEED_RATIO: Final = 1.05
-"""Multiple of their top speed up to which trains are driven; above it, train protection brakes."""
+"""Multiple of its top speed that a train may reach; above it, train protection brakes."""
 ESTIMATE_MIN_STEP_M: Final = 0.05
 """Distance (m) below which points count as one, at which the train stands."""
 ESTIMATE_MOST_DOUBT_RATIO: Final = 0.25
@@ -146,8 +146,8 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
 
 
 def _beyond(t: Floats, force_n: Floats, largest_n: Floats) -> tuple[NDArray[np.bool_], float]:
-    """Mask of the intervals between times (s) in 8 s whose mean force (N) is above that of the largest forces, and the
-    largest missing share of such a mean force.
+    """Mask of the intervals between times (s) in 8 s whose mean force (N) is above the mean of the largest forces, and
+    the largest share of it that is missing.
     """
     seconds = np.arange(t[0] + 0.5, t[-1], 1.0)
     here = np.searchsorted(t, seconds) - 1
@@ -177,7 +177,7 @@ def strongest_held_n(driven: DrivenEstimate, inferred: NDArray[np.bool_]) -> tup
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenCase:
-    """A possible case of the drive; the defaults are those of the estimate."""
+    """A possible case of the drive; the defaults are as in the estimate."""
 
     mass_ratio: float = 1.0
     resistance_ratio: float = 1.0

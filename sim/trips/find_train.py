@@ -72,11 +72,11 @@ RATIO_EVIDENCE_WEIGHT: Final = 0.5
 """Weight of the evidence between trains, because windows of one driver are similar: on simulated drives, the likeliest
 train is then right about as often as its probability states."""
 CHOICE_CERTAIN_SDS: Final = 2.0
-"""Number of standard deviations of noise above which a window needs more effort than the train has."""
+"""Number of standard deviations of noise by which a window must exceed the train's effort to count."""
 CHOICE_BEYOND_RATIO: Final = 0.02
-"""Share of the time with too much effort from which a train cannot have driven a trip."""
+"""Largest share of the time with too much effort in a trip that a train can have made."""
 CHOICE_BEYOND_WINDOWS: Final = 3
-"""Least number of windows with too much effort in a trip that a train cannot have driven."""
+"""Least number of windows with too much effort in a trip that a train cannot have made."""
 CHOICE_HIGH_PERCENTILE: Final = 90.0
 """Percentile over the distance that counts as the high speed of a trip, and likewise of the allowed speed."""
 CHOICE_SLOWER_RATIO: Final = 0.1
@@ -87,9 +87,9 @@ CHOICE_PLACES: Final = 500
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FoundTrain:
-    """A train that was tried on a trip: whether it can have driven the trip, with its mass and resistance.
+    """A train that was tried on a trip: whether it can have made the trip, with its mass and resistance.
 
-    `names` are trains with the same motion, as named by the user. The ratios are those of
+    `names` are trains with the same motion, as named by the user. The ratios are as in
     `das.domain.conditions.Conditions`, each with one standard deviation. `beyond_ratio` is the share of the time that
     stays unexplained, because the trip needs more effort than this train has. `why_not` is empty for a possible train.
     `evidence` is the logarithm of the probability density of the motion with this train.
@@ -107,7 +107,7 @@ class FoundTrain:
 
     @property
     def possible(self) -> bool:
-        """Whether this train can have driven the trip."""
+        """Whether this train can have made the trip."""
         return not self.why_not
 
     @property

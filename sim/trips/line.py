@@ -22,11 +22,10 @@ COLUMNS: Final = {
 }
 """The quantities in a list of kilometre posts, and the possible names of their columns."""
 MAX_CROSS_TRACK_M: Final = 200.0
-"""Distance (m) from the line beyond which a point is not on it. Lines through kilometre posts cut curves: 62 m at a
-radius of 2 km."""
+"""Largest distance (m) from the line of a point on it. Lines through kilometre posts cut curves: by 62 m at 2 km
+radius."""
 SCALE_TOLERANCE_RATIO: Final = 0.01
-"""Largest ratio by which matched length and distance between the stops may differ for the kilometrage to be scaled to
-the stops."""
+"""Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
 """Share by which the distance between two posts on the map may differ from their difference in kilometres."""
 _PAIRS_AT_ONCE: Final = 1_000_000
@@ -68,7 +67,7 @@ class Line:
         )
 
     def turned(self) -> Line:
-        """The same line in the other direction, with chainages from its other end."""
+        """The line in the other direction, with chainages from its other end."""
         return replace(
             self,
             chainage_m=self.chainage_m[-1] - self.chainage_m[::-1],
@@ -77,7 +76,7 @@ class Line:
         )
 
     def placed(self, route: Route) -> Line:
-        """The same line on the positions of a route, by the coordinates of its stops; unchanged if they do not suffice.
+        """The line on the positions of a route, by the coordinates of its stops; unchanged if they do not suffice.
 
         They suffice if two stops or more are near the line, and are as far apart along it as on the route, within 1 %.
         They then also show the direction of the route along the line.

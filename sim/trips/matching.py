@@ -33,13 +33,13 @@ RECORD_STANDS_MPS: Final = 1.0 * KMH
 WANDER_M: Final = 30.0
 """Largest wander (m) of the positions of a standing train, equal to `MAX_BACKWARD_M`."""
 AT_PLATFORM_M: Final = 300.0
-"""Distance (m) within which a standing train stands at a stop: platforms are long, and maps inexact."""
+"""Largest distance (m) from a stop of a train that stands at it: platforms are long, and maps inexact."""
 LEAST_MOVED_M: Final = 30.0
-"""Extent (m) that the positions of a trip must exceed: noise alone may spread them as far."""
+"""Extent (m) that the positions of a trip must exceed: noise alone may spread them over so many metres."""
 LONGEST_GAP_S: Final = 300.0
-"""Gap (s) above which the record is split if the train moved in it or next to it; the largest part is kept."""
+"""Longest gap (s); a longer one splits the record if the train moved in it or next to it. The largest part is kept."""
 STANDING_BY_POSITIONS_MPS: Final = 0.5
-"""Speed of the positions (m/s) below which a train stands if no speed is reported: positions wander by metres."""
+"""Speed (m/s) from positions, below which a train stands if no speed is reported: positions wander by metres."""
 LED_WINDOW_S: Final = 12.0
 """Time (s) at an end of a record in which positions are checked for slowing to a stand."""
 LED_POINTS: Final = 4
@@ -228,8 +228,7 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
 
 
 def _with_speeds(record: Record, points: Points) -> Points:
-    """The points with stands marked, and with dropouts and spikes corrected; raises DasError if the train never
-    moves."""
+    """The points with stands marked, and with dropouts and spikes corrected; DasError if the train never moves."""
     halted = np.zeros(len(points), dtype=bool)
     if cleaning.speeds_unusable(points.time_s, points.along_m, measured_mps(record, points)):
         halted = cleaning.find_halts(points.time_s, points.along_m, measured_mps(record, points))
@@ -399,7 +398,7 @@ def match_trip(
     *,
     whole_stands: bool = False,
 ) -> MatchedTrip:
-    """Match a record (times increasing) to a route that is driven from the first of `stops` to the second.
+    """Match a record (times increasing) to a route, from the first of `stops` to the second.
 
     Impossible points and speeds are dropped or corrected, and listed in the report (see docs/reference/trips.md).
     Kilometre posts have their own zero. If two standstills are as far apart as the stops, within 1 %, they are placed
@@ -497,7 +496,7 @@ def _stands_apart(pinned_m: Floats, found: list[Stand], distance_m: float) -> tu
     """The two standstills whose distance is nearest to the distance of the stops; None if all are off by over 1 %."""
     places = pinned_m[[stand.first for stand in found]]
     off = np.abs(np.subtract.outer(places, places).T - distance_m)
-    off[np.tril_indices(len(places))] = np.inf  # keep pairs in driving order
+    off[np.tril_indices(len(places))] = np.inf  # keep pairs in the order of travel
     if not np.any(off <= SCALE_TOLERANCE_RATIO * distance_m):
         return None
     i, j = np.unravel_index(int(off.argmin()), off.shape)

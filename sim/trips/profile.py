@@ -164,8 +164,7 @@ def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) 
 
 
 def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats, jerk_psd_m2ps5: float) -> Floats:
-    """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf = not
-    measured."""
+    """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf: unmeasured."""
     h = step_s
     move = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
     noise = jerk_psd_m2ps5 * np.array(

@@ -125,7 +125,7 @@ class Record:
         return replace(self, **{name: getattr(self, name)[which].copy() for name in self._arrays()})
 
     def driven(self, reverse: bool, route_length_m: float) -> Self:
-        """The same record with positions in the direction driven."""
+        """The record with positions in the direction of travel."""
         if self.as_driven or not reverse:
             return replace(self, as_driven=True)
         return replace(self, position_m=route_length_m - self.position_m, as_driven=True)
@@ -317,7 +317,7 @@ def _value(path: Path, key: str, quantity: str, cell: str) -> float:
 
 
 def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
-    """Times, with unknown ones replaced by that of the point before (or the first with a time), and a mask of them."""
+    """Times, with unknown ones replaced by the time of the point before (or the first known), and a mask of them."""
     last = next(one for one in time_ns if one is not None)
     filled = [last := one if one is not None else last for one in time_ns]
     return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
@@ -365,7 +365,7 @@ def read_gpx(path: Path) -> Record:
     points = _TrackPoints(path)
     try:
         points.parser.Parse(content, True)
-    except (expat.ExpatError, LookupError) as error:  # the latter: an unknown encoding
+    except (expat.ExpatError, LookupError) as error:  # LookupError: an unknown encoding
         raise DasError(f"{path}: not usable XML ({error})") from error
     if len(points.rows) < 2:
         raise DasError(f"{path}: GPX with {len(points.rows)} track points, expected at least 2")

@@ -43,7 +43,7 @@ def describe(
 ) -> dict[str, Any]:
     """The content of a trip, for JSON (times in s, distances in m, energies in kWh at the current collector).
 
-    Energies are those of its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
+    Energies are given for its parts, without comfort systems: from stop to stop, or of the part of an open trip that is
     compared with an optimum, if there is one. Without a section, that is without a vehicle, `energy` is None.
     """
     run, report, (departed_ns, arrived_ns) = trip.run, trip.matched.report, trip.ran_ns

@@ -31,7 +31,7 @@ from sim.trips.record import Reading, Record, read_trip, reading_of
 SHORTEST_STAND_S: Final = 5.0
 """Shortest stand (s) on the way that is reported: at 1 Hz a shorter one may be a single slow point."""
 WHOLE_TRIP_M: Final = 100.0
-"""Distance (m) from the stops within which a trip that starts and ends there is the whole section."""
+"""Largest distance (m) from the stops at which a trip starts and ends that is the whole section."""
 FASTEST_MPS: Final = 400.0 * KMH
 """Highest speed (m/s) of a trip; a record with a higher speed is rejected."""
 
@@ -140,7 +140,7 @@ def _check_seen(path: Path, matched: MatchedTrip) -> None:
 
 
 def _check_recorded(record: Record, start: Stop, end: Stop) -> None:
-    """Raise DasError for a recorded trip that goes beyond the section: its timetable is not that of the section."""
+    """Raise DasError for a recorded trip that goes beyond the section: its timetable does not fit the section."""
     s_m = record.position_m[np.isfinite(record.position_m)]
     if not len(s_m):
         return
@@ -214,7 +214,7 @@ class StandFound:
 
 
 def stands_found(matched: MatchedTrip, route: Route, course: DrivenCourse) -> tuple[StandFound, ...]:
-    """The stands of a trip in order, timed as those of every drive; `course` is its smooth run."""
+    """The stands of a trip in order, timed as for every drive; `course` is its smooth run."""
     found = []
     last, time_ns = len(matched.time_ns) - 1, matched.time_ns
     for stand in stands(matched.standing):

@@ -1,4 +1,4 @@
-"""The disturbances of a day: a class for each kind, with its figures named as in scenario files."""
+"""The disturbances of a run: a class for each kind, with its figures named as in scenario files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A day driven in this process, or over the bus with node and recorder as processes in lockstep with the simulation."""
+"""The simulation of a run in this process, or with node and recorder as processes in lockstep with it."""
 
 from __future__ import annotations
 
@@ -79,10 +79,11 @@ class OverBus:
 
 @dataclass(frozen=True, kw_only=True)
 class How:
-    """The mode of driving a day, as its recording states.
+    """The mode of a simulation, as its recording states.
 
     `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint, and
-    `recorder_at` the recorder's if it must be known. With `paced` the run keeps a pace and does not wait for answers.
+    `recorder_at` the recorder's if it must be known. With `paced` the simulation keeps a pace and does not wait for
+    answers.
     """
 
     driver: DriverName
@@ -100,7 +101,7 @@ class How:
 
 
 class DayRun(NamedTuple):
-    """A run; the counts of its messages, if it was driven over a bus; and the table of the drive, if it was kept."""
+    """A run; the counts of its messages, if it used a bus; and the table of the drive, if it was kept."""
 
     run: Run
     traffic: Traffic | None = None
@@ -110,7 +111,7 @@ class DayRun(NamedTuple):
 def drive_day(
     day: Day, driver: Driver, how: How, out: Path | None, progress: Progress | None = None, *, keep: bool = False
 ) -> DayRun:
-    """Drive a day: in this process, or with node and recorder as processes if it is recorded in the file `out`.
+    """Simulate a run: in this process, or with node and recorder as processes if it is recorded in the file `out`.
 
     In this process, the table of the drive, if it is kept, is made from the messages that a recorder would write.
     Raises DasError if a process fails or the train does not arrive.
@@ -135,13 +136,13 @@ def drive_day(
 
 
 def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = None) -> tuple[Run, DriveTable]:
-    """Drive a day in this process, and make the table of the drive; DasError if the train does not arrive."""
+    """Simulate a run in this process, and make the table of the drive; DasError if the train does not arrive."""
     service = day.service
     link = InProcess(service, guide=presenter_of(how.advice).needs_guide, recorded=partial(only_recorded, day))
     run = World(day, driver, how.advice, link, how.screen).run(progress)
     for topic, message in _last_messages(day, run):
         link.keep(topic, message, service.moment_ns(run.states[-1].time_s))
-    given = DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="those of the day")
+    given = DriveInputs(route=service.route, vehicle=service.vehicle, level=service.level, source="those of the run")
     recording = Recording(
         path=Path(f"{service.scenario.id} in memory"), train=TRAIN, trains=(TRAIN,), attachments=(), complete=True,
         messages={name: tuple(entries) for name, entries in link.messages.items()},
@@ -151,7 +152,7 @@ def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = N
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
-    """Node and recorder for a day; the recording states its origin and contains the input files."""
+    """Node and recorder for a run; the recording states its origin and contains the input files."""
     service = day.service
     shows = presenter_of(how.advice)
     leads = "--guide" if shows.needs_guide else "--no-guide"
@@ -170,7 +171,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
 
 
 def run_metadata(day: Day, how: How) -> dict[str, str]:
-    """The metadata of a recording on the origin and the driving of its day."""
+    """The metadata of a recording on the origin of its run and its simulation."""
     service, scenario = day.service, day.service.scenario
     return {
         "kind": "run",

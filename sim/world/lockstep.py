@@ -113,8 +113,8 @@ class Process:
 class Processes:
     """The settings with which node and recorder of a run are started.
 
-    `driver_at` is the endpoint at which an external driver finds the simulator; None where there is no such driver.
-    With a bus folder the endpoint is in the bus file, and any text in `driver_at` means that there is such a driver.
+    `driver_at` is the endpoint at which an external driver finds the simulator; None without an external driver. With a
+    bus folder the endpoint is in the bus file, and any text in `driver_at` means that there is an external driver.
     `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also sends messages for the
     recording alone. With `paced` the simulation keeps a pace and does not wait for answers.
     """
@@ -132,7 +132,7 @@ class Processes:
 
 
 class Stations:
-    """The endpoints of simulator, node and recorder: free ports of this machine, or those of a bus folder."""
+    """The endpoints of simulator, node and recorder: free ports of this machine, or the endpoints of a bus folder."""
 
     def __init__(self, processes: Processes) -> None:
         self._processes = processes

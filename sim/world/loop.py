@@ -86,7 +86,7 @@ LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
 """Longest run, as a multiple of the time of its timetable, and the time (s) beyond it."""
 
 Progress = Callable[[float, float], None]
-"""A function called at every tick with the distance driven so far and the whole distance (m)."""
+"""A function called at every tick with the distance covered so far and the whole distance (m)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +108,7 @@ class Run:
 
 
 class World:
-    """The run of one day; `run` drives it to its end. `screen` filters the display (None: all advice immediately)."""
+    """One run; `run` simulates it to its end. `screen` filters the display (None: all advice immediately)."""
 
     def __init__(
         self,

@@ -58,7 +58,7 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
-    """The fronts of the sections for the true train under the day's conditions; the plan's if both are as planned.
+    """The fronts of the sections for the true train under the run's conditions; the plan's if both are as planned.
 
     These fronts ignore events on the way: signals, restrictions, slippery rail and wind on a part of the line.
     """
@@ -69,7 +69,7 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
     if day.conditions not in kept:
         planned = service.vehicle, service.level
         sections = true_sections(service.scenario, service.route, service.stops, planned, day.conditions)
-        kept.clear()  # Each day of a service may have its own conditions; one set of fronts is enough to keep.
+        kept.clear()  # Each run of a service may have its own conditions; one set of fronts is enough to keep.
         kept[day.conditions] = tuple(solve_front(section) for section in sections)
     return kept[day.conditions]
 
@@ -149,7 +149,7 @@ class RunEnergies:
 
 @dataclass(frozen=True, kw_only=True)
 class DayOutcome:
-    """The result of one day's run.
+    """The result of one run.
 
     `calls` and `figures` can also be computed from a recording of the run: stops, violations, and quality of the
     advice. `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run.
@@ -198,7 +198,7 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """The result of one day's run. `driver` decides whose braking `own_braking_j` assumes (None: the advice's)."""
+    """The result of one run. `driver` decides whose braking `own_braking_j` assumes (None: the advice's)."""
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)

@@ -89,8 +89,8 @@ class Truth:
     """The differences of the true train from the planned one; None means as planned.
 
     `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
-    `adhesive_mass_kg` is the mass on driven axles; it replaces that of the vehicle's file. `loss_map` is the file of
-    the true train's losses (L3).
+    `adhesive_mass_kg` is the mass on driven axles; it replaces the mass in the vehicle's file. `loss_map` is the file
+    of the true train's losses (L3).
     """
 
     conditions: Mapping[str, Drawn]
@@ -108,19 +108,19 @@ class Truth:
 
     @property
     def is_as_planned(self) -> bool:
-        """Whether train, load and losses are as in the plan; the conditions of a day may still differ."""
+        """Whether train, load and losses are as in the plan; the conditions of a run may still differ."""
         others = (self.adhesive_mass_kg, self.vehicle, self.load, self.level, self.loss_map)
         return all(one is None for one in others)
 
     @property
     def of_every_day(self) -> Conditions | None:
-        """The conditions of every day; None if each seed draws its own."""
+        """The conditions of every run; None if each seed draws its own."""
         if any(drawn.low != drawn.high for drawn in self.conditions.values()):
             return None
         return Conditions(**{name: drawn.low for name, drawn in self.conditions.items()})
 
     def draw(self, seed: int) -> Conditions:
-        """Draw the conditions of a seed's day."""
+        """Draw the conditions of a seed's run."""
         random = np.random.default_rng([seed, TRUTH_STREAM])
         return Conditions(**{name: drawn.draw(random) for name, drawn in self.conditions.items()})
 
@@ -215,12 +215,12 @@ class HumanRange:
     def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
         """The parameters of a participant, and the values drawn for them.
 
-        Values of the scenario (`source`) replace those of the population. Raises DasError if the values contradict each
-        other, or if the scenario gives a range, from which each seed would draw another driver.
+        Values of the scenario (`source`) replace the population's. Raises DasError if the values contradict each other,
+        or if the scenario gives a range, from which each seed would draw another driver.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
-                expected = "expected one value, because a participant stays the same on every day"
+                expected = "expected one value, because a participant is the same in every run"
                 raise DasError(f"{source}: human.{name} is a range: {expected}")
         fixed = {name: figure.low for name, figure in self.given.items()}
         values = who.population.draw(who.number) | fixed
@@ -295,7 +295,7 @@ class PlannedDisturbance:
     fixed: Mapping[str, Any]
 
     def draw(self, random: np.random.Generator) -> Disturbance:
-        """Draw the disturbance of one day."""
+        """Draw the disturbance of one run."""
         made: Any = KINDS[self.kind]
         drawn = {name: figure.draw(random) for name, figure in self.figures.items()}
         disturbance: Disturbance = made(**drawn, **self.fixed)
@@ -326,7 +326,7 @@ class EarlyDeparture(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """The days that can be simulated: each seed draws one, with its driver from `human`.
+    """The runs that can be simulated: each seed draws one, with its driver from `human`.
 
     Sections take the times of `running_s` or, if that is None, the least time of the train braked in service and a
     buffer on top of it. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
@@ -360,11 +360,11 @@ class Scenario:
     early_departure: EarlyDeparture = EarlyDeparture.WITHHELD
 
     def timed_by(self, journey: str) -> Scenario:
-        """The same scenario with the stops and times of a journey (its bundled name, or its file)."""
+        """The scenario with the stops and times of a journey (its bundled name, or its file)."""
         return replace(self, journey=journey, from_stop=None, to_stop=None, calls=None, running_s=None)
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
-        """Draw the disturbances of a seed's day."""
+        """Draw the disturbances of a seed's run."""
         random = np.random.default_rng([seed, 1])
         return tuple(planned.draw(random) for planned in self.disturbances)
 

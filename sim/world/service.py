@@ -1,6 +1,6 @@
-"""The train service of a scenario (line, train, timetable, solved sections), and the day of a seed.
+"""The train service of a scenario (line, train, timetable, solved sections), and the run of a seed.
 
-The service is the same for every seed; the day has the disturbances, and the true train on the true line.
+The service is the same for every seed; the run has the disturbances, and the true train on the true line.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ KEPT_BYTES = 300_000_000
 TIMETABLE_STEP_S = 6.0
 """Step (s) to which running times in timetables are rounded up, a tenth of a minute."""
 LATEST_TIME_S = 10 * 86_400.0
-"""Latest time (s) on a journey's clock in a simulated day."""
+"""Latest time (s) on a journey's clock in a simulated run."""
 PLANNED = (
     *("route", "vehicle", "load", "loss_map", "reverse", "from_stop", "to_stop", "calls"),
     *("departure_ns", "buffer_ratio", "running_s", "dwell_s", "journey"),
@@ -58,8 +58,8 @@ PLANNED = (
 class Service:
     """The planned service: stops in the order of travel, and front, timetable and best trajectory of each section.
 
-    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if there is one. `onboard`
-    keeps the fronts with which the on-board system plans in runs without a bus.
+    `dwells_s` has the least dwell (s) at each stop; `passings` are the journey's, if there is one. `onboard` keeps the
+    fronts with which the on-board system plans in runs without a bus.
     """
 
     scenario: Scenario
@@ -75,9 +75,9 @@ class Service:
     passings: tuple[DuePassing, ...] = ()
     onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
-    """The fronts of the true train, by the conditions of a day (see `sim.world.outcome`)."""
+    """The fronts of the true train for the conditions of a run (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)
-    """The fronts of the true train under a certain braking, by the conditions of a day and the braking."""
+    """The fronts of the true train for the conditions of a run and a kind of braking."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as an operator announces it at a moment (ns since 1970)."""
@@ -102,11 +102,11 @@ class Service:
         return self.timetables[0].departure_ns + round(clock_s / NS)
 
     def check_train(self, conditions: Conditions) -> None:
-        """Raise DasError if the true train under these conditions cannot be driven (see `true_sections`)."""
+        """Raise DasError if the true train cannot run under these conditions (see `true_sections`)."""
         check_train(self.scenario, self.route, self.stops, (self.vehicle, self.level), conditions)
 
     def timed(self, timetables: Sequence[Timetable]) -> Service:
-        """The same service with other timetables, one for each section."""
+        """The service with other timetables, one for each section."""
         tables = tuple(timetables)
         return replace(self, timetables=tables, planned=_best_runs(self.fronts, tables))
 
@@ -170,7 +170,7 @@ def prepare_service(scenario: Scenario, *, level: Level | None = None) -> Servic
 def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, Vehicle, tuple[Stop, ...]]:
     """Read line, train and stops of a scenario without solving anything.
 
-    Raises DasError for anything unusable, and for a true train that cannot be driven on any day.
+    Raises DasError for anything unusable, and for a true train that cannot run under any conditions.
     """
     scenario_files(scenario)
     route, vehicle = load_route(scenario.route), load_vehicle(scenario.vehicle)
@@ -296,7 +296,7 @@ def _least_s(front: Front, braking: ServiceBraking) -> float:
 
 
 def _journey(scenario: Scenario, route: Route) -> Journey:
-    """The journey of a scenario on its route; raises DasError for one that a simulated day cannot follow."""
+    """The journey of a scenario on its route; raises DasError for one that a simulated run cannot follow."""
     assert scenario.journey is not None
     journey = load_journey(scenario.journey, route)
     for passing in journey.passings:
@@ -327,11 +327,11 @@ _Kind = TypeVar("_Kind")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Day:
-    """Plan and truth of the day that belongs to one seed.
+    """Plan and truth of the run that belongs to one seed.
 
-    `conditions` are those of the true train and line, without events on the way. `held_s` is the delay (s) of the
+    `conditions` describe the true train and line, without events on the way. `held_s` is the delay (s) of the
     departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of this driver's
-    stream of random numbers on this day. `drawn` has all random draws, in SI, for programs: the disturbances, the
+    stream of random numbers in this run. `drawn` has all random draws, in SI, for programs: the disturbances, the
     truth, and the human.
     """
 
@@ -346,7 +346,7 @@ class Day:
     stream: int = 0
 
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
-        """Make a driver of a kind, or of a class of the user's, for this day; DasError if it cannot be made.
+        """Make a driver of a kind, or of a class of the user's, for this run; DasError if it cannot be made.
 
         Only a human driver uses the friction policy.
         """
@@ -354,15 +354,15 @@ class Day:
         return make_driver(kind, self.service.line, parameters=human, friction=friction, seed=self.seed, stream=stream)
 
     def of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
-        """The day's disturbances of one kind."""
+        """The run's disturbances of one kind."""
         return tuple(one for one in self.disturbances if isinstance(one, kind))
 
 
 def make_day(service: Service, seed: int, participant: Participant | None = None) -> Day:
-    """The day of a seed; its human driver is the participant or, without one, drawn by the seed as well.
+    """The run of a seed; its human driver is the participant or, without one, drawn by the seed as well.
 
     Raises DasError for what cannot happen on this line or with this train, for a true train that cannot be driven on
-    it, and for a participant whom the scenario would change from day to day.
+    it, and for a participant whom the scenario would change from run to run.
     """
     disturbances = service.scenario.day(seed)
     human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
@@ -387,8 +387,8 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The same day with other disturbances, which must not act on train or rail, because the train and its line have
-    been made already.
+    """The run with other disturbances, which must not act on train or rail, because the train and its line have been
+    made already.
     """
     found = tuple(disturbances)
     return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})

@@ -1,4 +1,4 @@
-"""Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the day.
+"""Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the run.
 
 The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
 it in whole steps, which decrease where braking for a lower speed begins.
@@ -52,11 +52,11 @@ need be several times."""
 HALVINGS: Final = 12
 """Number of halvings of the interval in the search for the reduced maximum speed."""
 BELOW_RATIO: Final = 0.999
-"""Divisor of the allowed speed from which the computation starts for a train faster than comfortable braking allows."""
+"""Divisor of the allowed speed; the computation starts there for a train faster than comfortable braking allows."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""Decrease of speed over an interval (m/s) below which a curve counts as level."""
+"""Decrease (m/s) of speed over an interval; with a smaller one a curve counts as level."""
 
 
 class Staircase:
@@ -165,7 +165,7 @@ class ReducedSpeed:
         easy_mps2 = min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
-        # On a descent where such gentle braking is not enough, the envelope of the section counts.
+        # On a descent where gentle braking is not enough, the envelope of the section counts.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
         self._staircase = Staircase(section, self._ceiling_mps, easy_mps2)
@@ -213,13 +213,13 @@ class ReducedSpeed:
 
 
 BEFORE_S: Final = 4.0
-"""Time (s) before it is needed at which full braking is shown: advice is valid for 3 s, and brakes need time to act."""
+"""Lead (s) with which full braking is shown: advice is valid for 3 s, and brakes need time to act."""
 SLOW_MPS: Final = 4.0
 """Speed (m/s) below which `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
 BEFORE_M: Final = 5.0
-"""Distance (m) before it is needed at which a slow train is shown full braking; it stops at most so far short."""
+"""Lead (m) with which full braking is shown to a slow train, which stops at most so far short."""
 LEAST_S: Final = 2.0
-"""Least time (s) before it is needed at which a slow train is shown full braking: a driver takes as long to act."""
+"""Least lead (s) with which full braking is shown to a slow train: a driver takes as long to act."""
 WEAK_BRAKE_RATIO: Final = 0.6
 """Share of the full effort below which electric braking is shown as coasting: the only brake of the four modes is the
 full one, with which the driver would brake too early."""
@@ -252,7 +252,7 @@ class SimplerDisplay:
         )
 
     def _top_mps(self, advice: Any, mode: Regime, departure_ns: int, arrival_ns: int) -> float:
-        """The top speed (m/s); that of the trip ahead before the departure, NaN for a train that has arrived."""
+        """The top speed (m/s); before the departure, of the trip ahead; NaN for a train that has arrived."""
         if mode is Regime.NONE or (mode is Regime.STOP and advice.s_m > self.section.start_m + AT_STOP_M):
             return math.nan
         if advice.predicted_arrival_ns:  # by the timetable, or as traffic management wants
@@ -285,7 +285,7 @@ class SimplerDisplay:
 
 
 class SimplerDisplays:
-    """The display of a whole day: a `SimplerDisplay` for each section, another one when the restrictions change."""
+    """The display of a whole run: a `SimplerDisplay` for each section, another one when the restrictions change."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -330,7 +330,7 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else that of the four modes that the limits and the stop ahead require.
+        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead require.
 
         `mode` is the mode on the other displays. If they show braking, however weak, to a train that is too fast, the
         result is full braking.
@@ -383,7 +383,7 @@ class FourModes(NamedTuple):
         return self.state.v_mps + gained_mps2 * self.valid_for_s >= speed_mps
 
     def _gained_mps2(self, four: Regime) -> float:
-        """The acceleration (m/s²) of the train with full traction if `four` is that, else when it coasts."""
+        """The acceleration (m/s²) of the train: with full traction if `four` is full traction, else coasting."""
         full = 1.0 if four is Regime.FULL_TRACTION else 0.0
         return self.planner.ahead.accelerates_mps2(full, self.state.s_m, self.state.v_mps)
 
@@ -401,9 +401,9 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 VALID_S = 3600.0
 """Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire."""
 LEFT_LATE_S = 60.0
-"""Lateness (s) above which a driver who leaves a stop runs at line speed to the next stop, as the sheet instructs."""
+"""Largest lateness (s) at a stop with which the driver follows the sheet; if later, the train runs at line speed."""
 HELD_UP_MPS = 5.0
-"""Shortfall of the sheet's speed (m/s) above which a driver does not follow its coasting and braking instructions."""
+"""Largest shortfall (m/s) below the sheet's speed with which a driver coasts and brakes as the sheet instructs."""
 SHEETS_KEPT = 256
 _MODES = {
     InstructionKind.HOLD: Regime.CRUISE,
@@ -413,7 +413,7 @@ _MODES = {
 
 
 class PaperSheet:
-    """The sheet of a day, read at the position of the train."""
+    """The sheet of a run, read at the position of the train."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service

@@ -41,7 +41,7 @@ from sim.world.disturbances import (
 from sim.world.service import Day
 
 PASSED_M: Final = 2000.0
-"""Distance (m) beyond a stop above which a train has missed it."""
+"""Largest distance (m) beyond a stop of a train that has not missed it."""
 
 
 class Calls:
@@ -197,7 +197,7 @@ COMPARED_EVERY_S = 35.0
 
 
 class Surroundings:
-    """The surroundings of a train on a day; call its methods in the order of time."""
+    """The surroundings of a train in a run; call its methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
@@ -209,7 +209,7 @@ class Surroundings:
         self._late_s = math.nan
         self._watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
-        # Without restrictions the node is sent an empty list, because it must not advise before it has a list.
+        # Without restrictions the node gets an empty list, because it must not advise before it has a list.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -225,7 +225,7 @@ class Surroundings:
         return measured if effort is None else [*measured, EffortHeard(effort=effort)]
 
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
-        """The operators' messages at a tick that gets through: the delay at intervals, new restrictions and targets."""
+        """The operators' messages that reach the node at a tick: delay (at intervals), new restrictions and targets."""
         if tick % DELAY_EVERY_S == 1:
             yield DelayHeard(time_ns=now_ns, delay_s=self._delay_s(state))
         before, self._sent = self._sent, (self.news.told, self.news.targets)
@@ -301,7 +301,7 @@ NODE_DOWN_S = 2.0
 
 
 class DayNews:
-    """The news that driver and node have received; call its methods once a second, in the order of time."""
+    """The messages and signals known to driver and node; call its methods once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -321,7 +321,7 @@ class DayNews:
         """Restrictions that the driver keeps: announced ones that count now, and those known to the driver alone."""
 
     def update(self, state: PlantState) -> list[str]:
-        """Update the news for a state; returns a sentence about each new item."""
+        """Update signals, targets, restrictions and outages for a state; returns a sentence about each new one."""
         return [
             *self._signals(state),
             *self._traffic(state),
@@ -423,7 +423,7 @@ STREAM, FORCE_STREAM = 2, 3
 
 
 class SimulatedLocalisation:
-    """The localisation of a day; call `measure` once a tick, in the order of time."""
+    """The localisation of a run; call `measure` once a tick, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._sensors, self._faults = day.service.scenario.sensors, day.of(SensorOutage)
@@ -470,7 +470,7 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """The measurement of efforts by the train's own control on a day; call `measure` once a tick."""
+    """The measurement of efforts by the train's own control in a run; call `measure` once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio

@@ -34,7 +34,7 @@ VARIANCE_S: Final = 4.0
 KNOWN_AFTER_S: Final = 8.0
 """Usual loss (s) after which a driver's measured loss has its weight; it is reached before the first stop."""
 ON_CURVE_MPS = 0.05
-"""The distance from the braking curve (m/s) within which the fastest run counts as braking while its speed falls."""
+"""The distance (m/s) from the braking curve up to which the fastest run counts as braking while its speed falls."""
 
 
 class UsualLoss:

@@ -32,20 +32,20 @@ from das.domain.units import KMH
 from das.solver.kernels.schedule import BACK_SHARE
 
 WORTH_S = 40.0
-"""The time (s) before the next step within which no acceleration back to a speed is shown: it would be wasted."""
+"""The least time (s) to the next step for which an acceleration back to a speed is shown; else it would be wasted."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
 """The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
 the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
-"""The difference (m/s) between the speed shown and the speed at the end of coasting above which the latter is shown."""
+"""The largest error (m/s) of the speed shown for the end of coasting; beyond it the forecast speed is shown."""
 ROLLS_SOON_S = 10.0
-"""The time (s) to roll up to a speed below which the instruction is to hold it: coasting would be over immediately."""
+"""The least time (s) of rolling up to a speed; if it takes less, the instruction is to hold that speed."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""The time (s) before a brake within which an acceleration must gain `GAINS_S` (s), because a driver gains less than
+"""The last seconds (s) before a brake, in which an acceleration must gain `GAINS_S` (s): drivers gain less than
 forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort is too
 much."""
 EARLY_RATIO = 0.5
-"""The share of the planned braking which, if sufficient, is replaced by coasting, or by creeping to the stop."""
+"""The share of the planned braking that, if it is enough, makes coasting or creeping replace the brake."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed (m/s) at which a train creeps to its stop."""
 

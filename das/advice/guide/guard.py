@@ -19,17 +19,16 @@ from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
-"""Leads (s) with which a brake is shown: the usual one, that for a train that is astray (it accelerates or is too
-fast), and the least. A driver who sees a brake earlier brakes early; an astray train needs longer, because traction
-ends late."""
+"""Leads (s) with which a brake is shown: the usual one, one for an astray train (it accelerates or is too fast), and
+the least. A driver who sees a brake earlier brakes early; an astray train needs longer, because traction ends late."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
 """The distance (m) that is clearly short of the mark, and from which a creeping train is shown a brake."""
 BRAKED_MPS = 0.9
-"""The excess over the limit (m/s) above which the driver is told to brake; below it, to coast or to hold the limit."""
+"""Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
 HELD_MPS2 = 0.5
-"""The largest assumed acceleration (m/s²) of a driver below the speed that he is to hold."""
+"""The largest assumed acceleration (m/s²) of a train that is slower than the speed to hold."""
 NEAR_MARK_M = 3.0
 """The stopping error (m) up to which the effort of the last brake is left unchanged: the driver sees the mark."""
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
@@ -41,9 +40,9 @@ BEGUN_S = 2.0
 GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
 LACKS_RATIO = 0.05
-"""Missing share of effort up to which the effort for a stop is kept: the last metres are driven by eye."""
+"""Largest missing share of the effort with which the effort for a stop stays: drivers stop by eye."""
 LESS_RATIO = 0.6
-"""Ratio of needed to shown effort below which a smaller effort is shown; above it, drivers ease the brake."""
+"""Least ratio of needed to shown effort with which the latter stays: drivers ease the brake themselves."""
 SAME_EFFORT = 1e-3
 Floats = NDArray[np.float64]
 
@@ -159,7 +158,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
 
 
 def _top_mps(scene: Sight, one: Instruction) -> float:
-    """The highest speed to name here: the limit, or less if a lower limit ahead would require braking at once."""
+    """The highest speed to name here: the limit, or less if a lower limit ahead would require braking immediately."""
     state, ahead, section = scene.state, scene.ahead, scene.ahead.section
     reachable_mps = float(section.envelope_mps[-len(section.node_m[section.node_m > state.s_m]) - 1 :].max())
     top_mps = min(scene.place.limit_mps, max(reachable_mps, state.v_mps)) + (one.mode is Regime.COAST) * SAME_MPS
@@ -195,7 +194,7 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
         needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
     if wanted.brakes and -one.effort_ratio >= needed.effort:
         return wanted._replace(exact=max(wanted.exact, needed.effort))
-    # A train that goes on accelerating must brake to this speed; if that is above the present speed, coasting suffices.
+    # A train that accelerates further must brake to this speed; if that is above the present speed, coasting suffices.
     passes_mps = ahead.needed(state.braked_m, soon_mps).target_mps if one.mode in TRACTION else -math.inf
     coasts = needed.effort < STEP_RATIO and passes_mps > v_mps
     if needed.effort > 0.0 and not coasts:
@@ -207,7 +206,7 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
 
 
 def brake_lead_s(scene: Sight, now: Instruction) -> float:
-    """The time (s) before it is due at which a brake is shown to a driver who follows the instruction `now`."""
+    """The lead (s) with which a brake is shown to a driver who follows the instruction `now`."""
     known_mps = scene.schedule.speed_at(scene.state.s_m)
     known_mps = min(known_mps, now.speed_mps) if now.mode is Regime.CRUISE else known_mps
     astray = now.mode in TRACTION or scene.state.v_mps > known_mps + SAME_MPS
@@ -244,7 +243,7 @@ def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal |
     begins_m = max(ahead.curve_begins_m(from_m, speeds_mps) - state.ahead_m, state.s_m)
     passes_mps = float(np.interp(begins_m, ahead.section.node_m[-len(speeds_mps) :], speeds_mps))
     needed = ahead.needed(begins_m, passes_mps)
-    # Above a limit that does not fall, a driver who rolls on is told to hold it, not to brake for a distant limit.
+    # Above a limit that does not fall, the instruction is to hold it, not to brake for a distant limit.
     if needed.effort <= 0.0 or not ahead.is_due(begins_m, passes_mps + OVERSPEED_MPS, BRAKE_LEAD_S):
         return None
     in_s = max(waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m) - SOONER_S, 0.0)
@@ -254,7 +253,7 @@ def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal |
 
 
 def _keeps_mps(now: Instruction, v_mps: float) -> float:
-    """The speed that a driver keeps: the speed to hold if he is hardly faster than it, else his own."""
+    """The speed that a driver keeps: the speed to hold if the train is hardly faster, else the train's own."""
     holds = now.mode is Regime.CRUISE and v_mps <= now.speed_mps + OVERSPEED_MPS
     return min(v_mps, now.speed_mps) if holds else v_mps
 
@@ -262,7 +261,7 @@ def _keeps_mps(now: Instruction, v_mps: float) -> float:
 def _told_speeds_mps(scene: Sight, now: Instruction, from_m: float) -> Floats:
     """The speeds (m/s) at the nodes ahead if the driver follows the instruction `now`."""
     ahead, v_mps = scene.ahead, scene.state.v_mps
-    if now.mode is Regime.COAST:  # A driver who rolls up to a limit is told to hold it.
+    if now.mode is Regime.COAST:  # The instruction to a driver who rolls up to a limit is to hold it.
         rolling_mps = ahead.rolling_mps(from_m, v_mps)
         return np.asarray(np.minimum(rolling_mps, ahead.section.limit_mps[-len(rolling_mps) :]))
     if now.mode in BRAKES:

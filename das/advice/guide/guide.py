@@ -35,9 +35,9 @@ NEAR_M = 4000.0
 BESIDE_M = 100.0
 """The largest distance (m) of a limit beyond the end of the phase that slows down for it."""
 BINDS_MPS = 10.0 * KMH
-"""The difference (m/s) between a limit and the forecast speed there above which the limit is not the reason."""
+"""The largest difference (m/s) between a limit and the forecast speed there at which the limit can be the reason."""
 SLOWED_S = 30.0
-"""The delay (s) of a passing after its earliest time above which the point is not the reason for slowing."""
+"""The largest delay (s) of a passing after its earliest time at which the point can be the reason for slowing."""
 SAID_LATE_S = 30.0
 """The least lateness or earliness (s) that is named: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
@@ -45,9 +45,9 @@ SAID_ANEW_S = 10.0
 NEWS_S = 20.0
 """The time (s) for which the reason names a restriction that was received on the way and changed the reference."""
 ARRIVING_M = 500.0
-"""The distance from the stop (m) within which the time of arrival is not named."""
+"""The last distance (m) before the stop, over which the time of arrival is not named."""
 CREEPS_M = 100.0
-"""The distance from the stop (m) within which a train too slow for any reference creeps to it."""
+"""The last distance (m) before the stop, over which a train too slow for any reference creeps to it."""
 SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
 NOT_FASTER = (*SLOWING, PhaseKind.HOLD)
 

@@ -29,7 +29,7 @@ LATE_GAIN_S: Final = 2.0
 LEAST_GAIN_POWER_S: Final = 0.08
 """The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
 ASTRAY_MPS: Final = 1.5
-"""Difference between the speeds of train and reference (m/s) above which a reference that saves energy is tried."""
+"""Least difference (m/s) between the speeds of train and reference for which an energy-saving reference is tried."""
 ASKED_EVERY_S: Final = 30.0
 """The least time (s) between two trials of a new reference that might be better."""
 LEAST_AGE_S: Final = 20.0
@@ -37,19 +37,19 @@ LEAST_AGE_S: Final = 20.0
 QUIET_S: Final = 10.0
 """The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
-"""The time (s) before the next change of instruction in which the same applies, so that changes come as announced."""
+"""The time (s) before a change of instruction with the rule of `QUIET_S`, so that changes come as announced."""
 ARRIVED_S: Final = 30.0
 """The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
 """The probability with which a reference's reserve keeps a driver on time, at stops where punctuality counts."""
 ELSEWHERE_RATIO: Final = 0.3
-"""The same probability for other stops, after which the next section makes up lateness with less energy."""
+"""The value of `ON_TIME_RATIO` at other stops, after which the next section makes up lateness with less energy."""
 LATE_S: Final = 3.0
 """The largest lateness (s) with which the reference (the standing plan) is kept."""
 EARLY_S: Final = 5.0
 """The largest earliness (s) with which the reference is kept."""
 LEARNED_TO_M = 50.0
-"""The distance from the stop (m) within which drivers brake by eye, so that the forecast of the arrival is poor."""
+"""The last distance (m) before the stop: drivers brake by eye there, so that the forecast of the arrival is poor."""
 
 
 class Changes(NamedTuple):

@@ -14,7 +14,7 @@ from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, depar
 from das.domain.units import NS
 
 SAME_CHANGE_S = 10.0
-"""The shift of the due time (s) below which an announced change is still the same, also after it was due."""
+"""The shift (s) of the due time up to which an announced change is still the same, also after it was due."""
 PASSED_S = 2.0
 """The longest time (s) before its change is due at which an announcement may end without being dropped."""
 NOTHING = Instruction()

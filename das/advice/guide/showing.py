@@ -1,4 +1,4 @@
-"""The instructions to a driver, second by second, from one memory, one guard and one gate."""
+"""The instruction shown to the driver each second: the plan, overridden by limits (guard), changed late (gate)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ LEADS_S = {
     InstructionKind.TRACTION: 2.0,
     InstructionKind.HOLD: 0.0,
 }
-"""The time (s) before it is due at which each kind is shown; an acceleration is shown when it is due."""
+"""Time (s) for which an instruction is shown before it is due; 0 if it is to accelerate above the present limit."""
 FORGOTTEN_S = 15.0
 """The time (s) without any instruction after which the next one is shown as if there had been none before."""
 CLOSES_IN_S = 4.0
@@ -65,7 +65,7 @@ IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 AHEAD = 2
 """The number of changes shown after the present instruction."""
 BEGUN_M = 1.0
-"""The distance (m) ahead of a place within which a limit that begins there already applies to it."""
+"""Largest distance (m) ahead of a place of the beginning of a limit that already applies at the place."""
 
 
 class Showing:
@@ -81,11 +81,11 @@ class Showing:
         """The phase of the schedule in which the train is."""
 
     def forget(self) -> None:
-        """Forget what was shown; nothing is shown from now on."""
+        """Forget what was shown, as if the display were blank."""
         self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Note a brake that was shown at a time (ns) but not chosen here; other such instructions are not kept."""
+        """Note a brake that was shown at a time (ns) but not chosen here; other kinds are not kept."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
 
@@ -100,7 +100,7 @@ class Showing:
         return -self._memory.shown.effort_ratio if self._memory.shown.mode in BRAKES else 0.0
 
     def stands_at_mark(self, state: TrainState) -> bool:
-        """Whether a train in the last metres before its stop will stop near the mark if it brakes on as shown."""
+        """Whether a train close to its stop will stop near the mark if it continues to brake as shown."""
         return self._ahead is not None and stands_at_mark(self._ahead, self._memory.shown, state)
 
     def braking(self, effort: float) -> Instruction:
@@ -131,7 +131,7 @@ class Showing:
         )  # fmt: skip
 
     def show(self, kept: Kept, state: TrainState, place: SpeedsAllowed) -> Guidance:
-        """The guidance of the reference in this state, without a reason; `reference_force_n` is not rounded up."""
+        """Guidance that follows the reference, without a reason; `reference_force_n` is for the exact effort."""
         scene, memory = self._begin(kept, state, place), self._memory
         replan, now_ns = kept.reference.replan, state.now_ns
         imposed = replan.cause in IMPOSED and replan.time_ns > memory.since_ns
@@ -195,16 +195,16 @@ class Showing:
         if early is not None and (early[0].brakes or not one.guarded):
             return early[0], early[1].due_s, early[2], None
         if not is_safe and asked.brakes and not one.guarded and memory.mode is not Lead.FOLLOW:
-            one = asked  # It is due later than a brake of the guide's own.
+            one = asked  # The limits require it later than the guide's own brake.
         stood = (state.now_ns - memory.since_ns) * NS >= STANDS_S
         slower = one.one.speed_mps < state.v_mps - SAME_MPS and not one.guarded
         if imposed and stood and slower and shown.mode in TRACTION:
-            # A cause from outside requires a slower train: it stops accelerating, but brakes only after notice.
+            # An external cause requires a lower speed: stop accelerating now, but brake only after an announcement.
             return Proposal(hold(one.one.speed_mps)) if one.brakes else one, 0.0, memory, None
         next_s = _next_s(scene, memory.step, one)
         opens = opening(memory, one, state, is_safe=is_safe, next_s=next_s)
         if has_led(memory, one.one, state) and 0.0 < opens.due_s < math.inf:
-            # The brake is released; any other instruction after it is announced first.
+            # The target speed is reached: hold it (a brake is released). Any other instruction is announced first.
             notice = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
             return guarded(scene, memory, Proposal(hold(shown.speed_mps))), 0.0, memory, notice
         if opens.now:
@@ -216,7 +216,7 @@ class Showing:
         return kept, stands.in_s, memory, put_off
 
     def _still_guarded(self, scene: Sight, memory: Memory, one: Proposal) -> Proposal:
-        """The brake of the guard, which is kept until its speed is reached or far less is needed."""
+        """The guard's brake until its target speed is reached or half its effort is enough; then the given proposal."""
         shown, state = memory.shown, scene.state
         if memory.mode is not Lead.GUARD or shown.mode not in BRAKES or one.brakes or reached(shown, state.v_mps):
             return one
@@ -228,7 +228,7 @@ class Showing:
         return one
 
     def _early(self, scene: Sight, memory: Memory, *, is_safe: bool) -> tuple[Proposal, Opening, Memory] | None:
-        """The next step if it is already shown, a little before it begins."""
+        """The next step if it is to be shown now, shortly before it begins; otherwise None."""
         number, state = memory.step + 1, scene.state
         if number >= len(scene.steps) or not (is_safe or scene.steps[number].kind is InstructionKind.BRAKE):
             return None
@@ -265,7 +265,7 @@ class Showing:
 
 
 def _next_s(scene: Sight, number: int, one: Proposal) -> float:
-    """The time (s) until the next change after a wanted one: the next step, or a brake that comes before."""
+    """Time (s) until the change that follows the wanted instruction: the next step, or an earlier brake."""
     brake_s = begins_s(scene, one.one.speed_mps) if one.mode is Lead.CREEP else math.inf
     if one.one.mode is Regime.COAST:
         guard = foreseen_brake(scene, one.one, one.in_s)
@@ -334,7 +334,7 @@ def opening(
     if brakes_on and (
         one.effort_ratio < shown.effort_ratio or one.speed_mps < shown.speed_mps + SAME_MPS or reached(shown, v_mps)
     ):
-        return Opening(True, 0.0)  # A driver does not release in between.
+        return Opening(True, 0.0)  # The driver does not release the brake between two brake instructions.
     if reached(shown, v_mps):
         due_s = 0.0 if is_own_end(one, shown) else memory.lacks_s(one, now_ns, 0.0)
         is_now = due_s <= 0.0
@@ -354,7 +354,7 @@ def opening(
 
 
 def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
-    """Whether a brake, or ending coasting, has led to its speed, and anything but holding that speed is wanted."""
+    """Whether a brake or coasting has reached its target speed, and the wanted instruction is not just to hold it."""
     shown, v_mps = memory.shown, state.v_mps
     ended = reached(shown, v_mps) and one.mode not in BRAKES
     if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:

@@ -14,7 +14,7 @@ from das.solver.kernels.schedule import BACK_SHARE
 from das.solver.section import Section
 
 SAME_MPS = 0.3
-"""The difference (m/s) below which two speeds look the same on a display and count as equal."""
+"""The largest difference (m/s) between two speeds that look the same on a display and count as equal."""
 REACHED_MPS = 0.5
 """The shortfall (m/s) from a speed to reach at which it counts as reached; the rest is left to the driver."""
 OFF_MPS = TARGET_STEP_MPS
@@ -24,7 +24,7 @@ STANDS_S = 8.0
 COAST_LEAD_S = 5.0
 """The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
 NEAR_LIMIT_MPS = 0.2
-"""The distance from a limit (m/s) within which a speed counts as the limit."""
+"""The distance (m/s) from a limit up to which a speed counts as the limit."""
 
 
 class GuideStep(NamedTuple):

@@ -282,7 +282,7 @@ class Fields:
     def optional_rows(
         self, key: str, wanted: Mapping[str, str], *, unbounded: Collection[str] = (), most: int = MOST_ROWS
     ) -> list[tuple[float, ...]]:
-        """The rows of a list like that of `columns`; empty if the key is missing."""
+        """The rows of a list, as for `columns`; empty if the key is missing."""
         if not self.has(key):
             return []
         return list(zip(*self.columns(key, wanted, unbounded=unbounded, most=most).values(), strict=True))

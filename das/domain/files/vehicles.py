@@ -37,8 +37,8 @@ _NO_EFFORT = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
 def _read_efforts(fields: Fields, top_mps: float) -> tuple[dict[str, EffortMode], str, EffortMode]:
     """The modes of a vehicle file for a top speed (m/s), the name of the default one, and its efforts.
 
-    A mode without its own efforts has those of the file. `[traction]` may be missing if `[vehicle]` names a
-    `default_mode`. Raises InputError for anything unusable.
+    A mode without its own efforts has the file's. `[traction]` may be missing if `[vehicle]` names a `default_mode`.
+    Raises InputError for anything unusable.
     """
     main, table = fields.table("vehicle"), fields.optional_table("modes")
     default = main.name("default_mode", "")
@@ -60,7 +60,7 @@ def _traction(fields: Fields, top_mps: float) -> EffortEnvelope:
 
 
 def _mode(fields: Fields, every: EffortEnvelope | None, electric: EffortEnvelope, top_mps: float) -> EffortMode:
-    """One mode of a train; missing values are those of the rest of the file."""
+    """One mode of a train; missing values are taken from the rest of the file."""
     voltage = {"voltage": "voltage"}
     fields.check_keys(["source", "traction", "electric_brake", "weather", *fields.quantity_keys(voltage)])
     if every is None or fields.has("traction"):
@@ -245,7 +245,7 @@ def read_loss_chain(path: Path) -> LossChain:
 
 
 def _alone(fields: Fields, key: str, quantity: tuple[str, str], default: float, *, unbounded: bool = False) -> float:
-    """The one quantity of a table, or the default if the file has no such table."""
+    """The one quantity of a table, or the default if the file lacks the table."""
     if not fields.has(key):
         return default
     table = fields.table(key)

@@ -10,7 +10,7 @@ from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
 from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
 
 HELD_S = 10.0
-"""The time (s) below which holding a speed after accelerating to it is not a separate phase."""
+"""The least time (s) of holding a speed after accelerating to it that is a separate phase."""
 
 
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:

@@ -1,4 +1,4 @@
-"""The run of a section's policies that arrives in time: with one price of time, or with two in succession."""
+"""The run of a section's policies that arrives at the wanted time: with one price of time, or two in succession."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
 SLOWER = (4, 8, 16, 24, 32, 41)
-"""Steps down the ladder from the higher of two neighbouring prices to those that may follow it, to fill the gap between
-their runs (possibly many seconds): 0.9 to 0.3 of the price."""
+"""Steps down the price ladder, from the higher of two neighbouring prices, to the second prices tried (0.9 to 0.3 of
+it). They give arrival times between those of the two neighbours, which may be many seconds apart."""
 ROUNDS = 2
 """Number of rounds in which the price after a place is found: price and speed at the place depend on each other."""
 
@@ -43,7 +43,7 @@ class _Search:
 
     @cached_property
     def spare_s(self) -> float:
-        """The wanted time less that of the fastest run to the place (s)."""
+        """The wanted time less the time of the fastest run to the place (s)."""
         elapsed_s = self._state.elapsed_s(self._state.fastest().speeds_mps)
         return self._time_s - float(np.interp(self._at_m, self._state.node_m, elapsed_s))
 
@@ -78,7 +78,7 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
 
 
 def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
-    """All runs found near these times to the end, each once; no run ends the search by being near enough."""
+    """All runs found near these times to the end, each once; the search does not stop at a run that is near enough."""
     known: dict[Plan, GuideRun] = {}
     for time_s in times_s:
         search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0, known=known)
@@ -87,7 +87,7 @@ def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list
 
 
 def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
-    """Try prices of time, and pairs of prices in succession where single ones leave a gap; returns a near price (W).
+    """Try prices of time, singly and in pairs; returns the higher of the two enclosing prices (W).
 
     The second price begins at a decision node between `first` and `last`.
     """
@@ -106,10 +106,10 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
 
 
 def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
-    """The numbers of two neighbouring prices, with the first late and with the second early, unless a run is near.
+    """Indices of two neighbouring prices: late with the first, early with the second; a run near enough ends it.
 
-    By halving: the time does not always fall with the price, so a search from a guess may find a higher price than
-    necessary. A train that can only be late tries the highest price alone.
+    By bisection: a higher price does not always give a shorter time, so a search from a guess may find a higher price
+    than necessary. A train that can only be late tries the highest price alone.
     """
     slow, quick = -1, len(front.lambda_w)
     number = quick // 2 if search.spare_s > 0.0 else quick - 1
@@ -150,7 +150,7 @@ def through(front: GuideFront, state: State, time_s: float, at_m: float, window:
 
 
 def _behind(front: GuideFront, run: GuideRun, node: int, time_s: float) -> tuple[GuideRun, Plan]:
-    """The run that arrives in time from a decision node on which another run passes, and its plan."""
+    """The run that arrives in time from a decision node that another run passes, and its plan."""
     k = run.node_at(node)
     state = State.at(front.section, float(run.state.node_m[k]), float(run.speeds_mps[k]))
     return in_time(front, state, max(time_s - float(run.elapsed_s[k]), 1.0), int(run.said[k - 1]))

@@ -1,4 +1,4 @@
-"""Policies over instructions: those of a section for a ladder of prices of time, and the runs that follow them."""
+"""Policies over instructions on a section, for a ladder of prices of time, and the runs that follow them."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class PolicySettings:
     """The time (s) of the train's full power whose energy a change must save, in addition to the cost of
     `CHANGE_TIME_S`."""
     young_s: float = 0.6
-    """The same time for a change before the present instruction has stood for `STANDS_S`."""
+    """`change_s` for a change before the present instruction has stood for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
     """The spacing of the speed grid (m/s): a fifth of a step, so that every advised speed is on a line. With 2.5 km/h,
     a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""

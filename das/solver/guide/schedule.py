@@ -23,11 +23,11 @@ from das.solver.state import RollOut, State, following_node, least_time_s
 
 Floats = NDArray[np.float64]
 MET_MPS = 1e-3
-"""Difference (m/s) from the scheduled speed below which a train is taken to follow the schedule."""
+"""Largest difference (m/s) from the scheduled speed at which a train is taken to follow the schedule."""
 NOWHERE = -1.0
 """The `met_mps` of a forecast that is computed to the end and never joins the schedule's trajectory."""
 ON_CURVE_MPS = 0.05
-"""Difference (m/s) between a phase's target and the braking curve at its end below which it follows that curve."""
+"""Largest difference (m/s) between the target of a phase that follows the braking curve and the curve at its end."""
 
 
 class PhaseKind(IntEnum):
@@ -123,7 +123,7 @@ class Schedule:
 
     @cached_property
     def columns(self) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Kind, share and target speed of every phase; a brake phase with share 0 that ends on the braking curve is a
+        """Kind, share and target speed of every phase; a brake with share 0 that ends on the braking curve is a
         `CURVE`."""
         kinds = np.array([int(one.kind) for one in self.phases])
         targets = np.array([one.target_mps for one in self.phases])

@@ -29,7 +29,7 @@ _ROUNDING_W = 1e-9
 _FIXED_POINT_STEPS = 60
 """Largest number of iterations in the search for the fixed point of a step's speed."""
 _FIXED_POINT_TOLERANCE = 1e-13
-"""Relative change of the speed in an iteration below which the search ends."""
+"""Relative change of the speed at which an iterative search ends."""
 
 
 @kernel
@@ -215,7 +215,7 @@ def braking_envelope(line, limit, end_speed, p, service):
 
 @kernel
 def _brake_start(v0, v1, h, g, q, p, service):
-    """Speed from which the hardest service brake ends at v1, with the forces at v0; 0 if the train runs away."""
+    """Initial speed of a hardest service brake that ends at v1, with the forces at v0; 0 if the train runs away."""
     faster = max(v0, v1)
     w0 = v1 * v1 + 2.0 * h * _in_service(faster, mean_resistance(v0, v1, q, p) + g, p, service)
     return math.sqrt(w0) if w0 > 0.0 else 0.0

@@ -34,14 +34,14 @@ NEAR_MPS = 2.5 * KMH
 """Difference from the train's own speed (m/s), half a step of the advised speeds, below which a speed counts as reached
 and is held."""
 BAND_MPS = 10.0 * KMH
-"""Excess over the speed to hold (m/s) up to which a train slows down to it by coasting; a faster train gets another
+"""Largest excess (m/s) over the speed to hold that a train loses by coasting; a faster train gets another
 instruction."""
 STANDS_S = 8.0
 """Minimum duration (s) of an instruction: about the time a driver needs to read it, act and check."""
 SAME_MPS = 1e-5
 """Speed difference (m/s) below which speeds are equal; moves are stored in single precision."""
 CONTACT_MPS = 1e-3
-"""Difference from the braking curve (m/s) below which a train is on it."""
+"""Largest difference (m/s) from the braking curve at which a train is on it."""
 NO_INSTRUCTION = 65535
 WORD = 32
 """Number of speeds X whose bits fit in a word of `GuidePolicy.stay`."""
@@ -349,7 +349,7 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
 
 @compiled(**PART)
 def keep(span, leave, leave_young, here, j, m, stay, i):
-    """Limit the costs of staying in the instructions of a manner to those of leaving them; set the bits of `stay`."""
+    """Limit the cost of staying in each instruction of a manner to the cost of leaving it; set the bits of `stay`."""
     begin, end = np.uint64(span[0]), np.uint64(span[1])
     for w in range(stay.shape[4]):
         kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)

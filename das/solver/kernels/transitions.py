@@ -24,7 +24,7 @@ from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, S
 
 _ELECTRIC_BRAKE = -1
 _ROUNDING = 1e-9
-"""Distance below a line within which a point counts as on the line."""
+"""Distance by which a point that counts as on a line may lie below it."""
 
 
 @compiled(fastmath=True)

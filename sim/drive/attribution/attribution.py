@@ -103,7 +103,7 @@ def _rising(s_m: Floats) -> NDArray[np.intp]:
 
 
 OTHER_TRAIN: Final = "the true train, wind and rail"
-"""Reason, in words, why the optimum of the true train differs from that of the planned train."""
+"""Reason, in words, why the optima of the true and the planned train differ."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,7 +126,7 @@ class LegAttribution(ComparedLeg):
 
     @property
     def other_train_j(self) -> float:
-        """Energy of the true train's optimum minus that of the planned train's optimum (J)."""
+        """Energy of the true train's optimum minus the energy of the planned train's (J)."""
         return self.optimum_j - self.optimum.balance.input
 
     @property
@@ -388,8 +388,8 @@ def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> 
 
 
 def slowest_stretch(attribution: Attribution) -> CauseStretch | None:
-    """The neighbouring places on which a drive lost most time against the optimum, without an energy; None if it never
-    lost any."""
+    """The neighbouring places where a drive lost most time against the optimum, without an energy; None if it lost
+    none."""
     found = [
         _stretch(leg, first, last, 0.0)
         for leg in attribution.legs

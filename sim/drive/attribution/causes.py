@@ -100,7 +100,7 @@ NOT_THE_DRIVERS: Final = "Nothing for the driver to change."
 BY_SPEED: Final = frozenset(
     {EnergyCause.TOO_MUCH_EFFORT, EnergyCause.LATE_COASTING, EnergyCause.TOO_LITTLE_EFFORT, EnergyCause.AGAINST_ADVICE}
 )
-"""Causes about the speed at which the train was driven."""
+"""Causes about the speed of the train."""
 
 
 class Seen(NamedTuple):
@@ -174,7 +174,7 @@ class ShownAdvice:
 
     @property
     def comparable(self) -> NDArray[np.bool_]:
-        """Mask of messages with a speed to hold now or not to exceed, which the driven speed can be compared with."""
+        """Mask of messages with a speed to hold now or not to exceed, with which the train's speed can be compared."""
         return self.shown & (self.speed_mps > 0) & (self.speed_now | self.top_only)
 
     @property
@@ -192,10 +192,10 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
 
 
 APART_MPS: Final = 2.0 / 3.6
-"""Deviation from the advised speed (m/s) from which a speed is against the advice: displays show whole km/h, drivers
+"""Least deviation (m/s) from the advised speed of a speed that is against the advice: displays show whole km/h, drivers
 keep within one or two."""
 SAME_MPS: Final = 1.0 / 3.6
-"""Shortfall of the advised speed (m/s) from which a train may need more effort than advised to reach it."""
+"""Least shortfall (m/s) below the advised speed for which a train may need more effort than advised."""
 LASTS: Final = 3
 """Least number of consecutive moments of a deliberate act of the driver."""
 NEUTRAL_RATIO: Final = 0.03
@@ -203,7 +203,7 @@ NEUTRAL_RATIO: Final = 0.03
 EFFORT_RATIO: Final = 0.15
 """Share of the largest traction by which different efforts differ."""
 AHEAD_S: Final = 2.0
-"""Time (s) over which driven and optimal effort are compared, because forces take a second to build up."""
+"""Time (s) over which actual and optimal effort are compared, because forces take a second to build up."""
 
 PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
 BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
@@ -300,7 +300,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
 
 
 def _by_best(now: Moment) -> EnergyCause:
-    """The cause if no advice was shown: how the effort differed from that of the optimal trajectory from here."""
+    """The cause if no advice was shown: the difference of the effort from the optimal trajectory's from here on."""
     if math.isnan(now.best_ratio):
         return EnergyCause.REST
     more = now.driven_ratio - now.best_ratio

@@ -32,7 +32,7 @@ from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
-"""Lateness (s) against the wanted time above which a trajectory does not count."""
+"""Largest lateness (s) against the wanted time of a trajectory that counts."""
 
 Told = frozenset[Restriction]
 
@@ -116,11 +116,11 @@ class Knowledge:
 
 
 MOST_CUTS = 4000
-"""Largest number of moments of a drive from which the optimum is sought: one a second for about an hour."""
+"""Largest number of moments of a drive for which the optimum from there is found: one a second for about an hour."""
 
 
 MISSED_S = 10.0
-"""Lateness (s) against the timetable above which a train counts as having hurried without success."""
+"""Largest lateness (s) of a train that counts as on time; a later one has hurried without success."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_MUCH_EFFORT)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 
@@ -171,7 +171,7 @@ class Committed:
 
 
 MAIN_SHARE = 0.8
-"""Share of a span of time from which a cause counts as the cause of the whole span."""
+"""Least share of a span of time that a cause must have to count as the cause of the whole span."""
 
 
 def together(causes: Sequence[EnergyCause]) -> EnergyCause:

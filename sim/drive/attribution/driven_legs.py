@@ -52,8 +52,8 @@ LEAST_WAY_M = 100.0
 class DrivenMotion(DrivenCourse):
     """Samples of a drive with its energy, each array of shape (samples,).
 
-    `input_j` is the energy at the current collector and `friction_j` that of the friction brake, both since the start;
-    they are None if they were not measured.
+    `input_j` and `friction_j` are the energies at the current collector and of the friction brake since the start; they
+    are None if they were not measured.
     """
 
     input_j: Floats | None = None
@@ -110,8 +110,8 @@ class DrivenLeg:
 def motion_of(table: DriveTable) -> DrivenMotion:
     """The motion of a recorded drive: the truth of a simulation, else smoothed positions and measured brake forces.
 
-    Energies count as measured only in the recording of a simulated run: those of a replay are estimates themselves.
-    DasError if the recording has no usable positions.
+    Energies count as measured only in the recording of a simulated run; a replay records estimates. DasError if the
+    recording has no usable positions.
     """
     time_ns, s_m, speed_mps, input_j, friction_j = table.of_topic(
         "truth", "s_m", "speed_mps", "energy_input_j", "friction_brake_j"
@@ -255,7 +255,7 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 
 
 def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
-    """The vehicle with the highest driven speed as its top speed, if that is at most 5 % above that of its file.
+    """The vehicle with the highest speed of the drive as its top speed, if that is at most 5 % above its file's.
 
     Otherwise no optimum could arrive as early. Losses must be known up to that speed.
     """
@@ -320,7 +320,7 @@ def since_departure_j(
 ) -> Floats:
     """Energy since the first departure (J) at moments (ns), summed over the legs: at stops in between nothing counts.
 
-    `name` is that of an array of `LegEnergies`.
+    `name` names an array of `LegEnergies`.
     """
     total_j = np.zeros(len(time_ns))
     for leg, one in zip(legs, energies, strict=True):
@@ -432,7 +432,7 @@ def likely_range(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Like
 
 
 def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> Callable[[DrivenCase], float | None]:
-    """A function that gives the energy above the optimum (J) in a case; None if such a train could not have driven so.
+    """A function that gives the energy above the optimum (J) in a case; None if the train cannot have moved so.
 
     Without `smoothed`, the motion stays as it is, even in a case with other smoothing.
     """
@@ -464,6 +464,6 @@ def _best_run(one: ComparedLeg, case: DrivenCase) -> Solution | None:
         section = one.front.section
         train = rebuilt(section, case.train(section.vehicle), case.brakes(section))
         best = solve_front(train).trajectory(one.leg.trip_s)
-    except DasError:  # such a train cannot run here
+    except DasError:  # this train cannot run here
         return None
     return None if best.fit is Fit.LATE else best

@@ -12,7 +12,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, whole
 
 DEVIATION_STEP_S: Final = 5.0
-"""Difference (s) from which a deviation counts as new advice."""
+"""Least change (s) of a deviation that counts as new advice."""
 
 
 class DeviationPresenter(Presenter):

@@ -58,8 +58,7 @@ class FourModePresenter(Presenter):
         return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Regime.CRUISE else None)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """Full traction, no effort, or the effort that holds the speed; advice to brake is followed with the motors
-        alone."""
+        """Full traction, no effort, or the effort that holds the speed; a brake on advice is by the motors alone."""
         view, handling = view.departure, hands.handling
         if view.mode == Regime.CRUISE:
             return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))

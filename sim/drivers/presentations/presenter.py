@@ -69,7 +69,7 @@ class ShownRegime(NamedTuple):
 
 
 class SimplerLook(NamedTuple):
-    """The content of a display of one top speed or of four modes; the other fields are those of the advice."""
+    """The content of a display of one top speed or of four modes; the other fields are taken from the advice."""
 
     time_ns: int
     valid_until_ns: int
@@ -122,7 +122,7 @@ class Follower(Protocol):
 class Presenter(ABC):
     """One presentation: its contents, how drivers read and follow it, and its number, texts and lane.
 
-    The defaults are those of a display that shows a mode, a speed to have now, and an effort.
+    The defaults suit a display that shows a mode, a speed to have now, and an effort.
     """
 
     number: ClassVar[int]

@@ -9,7 +9,7 @@ from sim.drivers.presentations.guide import GuidePresenter
 
 
 class SheetPresenter(GuidePresenter):
-    """Shows the line of the sheet for the train's position, and the next line; the simulated day reads both."""
+    """Shows the line of the sheet for the train's position, and the next line; the simulated run reads both."""
 
     number = 6
     phrase = "a sheet of paper (what to do from which kilometre on, fixed before departure)"

@@ -32,7 +32,7 @@ LEAST_SHARE: Final = 0.004
 OTHERS: Final = ("speed/same_times", "speed/optimum", "speed/shown", "speed/advised")
 """Candidates for the curve next to the drive in the picture on the first page: the first that exists is drawn."""
 MOST_APART_KMH: Final = 15.0
-"""Largest difference (km/h) of driven minus shown speed that is drawn; larger ones lie at the edge of the axis."""
+"""Largest difference (km/h) of actual minus shown speed that is drawn; larger ones lie at the edge of the axis."""
 
 
 def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
@@ -95,7 +95,7 @@ def _number(axis: Any, number: int, at_km: float, at_kmh: float, points: float) 
 
 
 def drive_figure(scene: ReviewScene) -> Figure:
-    """The drive over distance: speeds, the modes advised and shown, lateness, and driven minus shown speed."""
+    """The drive over distance: speeds, the modes advised and shown, lateness, and actual minus shown speed."""
     lanes = [lane for lane in scene.lanes if lane.name in MODE_LANES]
     below = list(scene.over_distance(("deviation/operator", "apart/shown")))
     heights_in = [HEIGHTS_IN["speed"], *([HEIGHTS_IN["modes"] * len(lanes)] if lanes else [])]

@@ -27,7 +27,7 @@ FRICTION: Final[Mapping[str, str]] = {
     FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
 }
 TOLD_KMH: Final = 3.0
-"""Difference of mean speeds (km/h) below which it is left out."""
+"""Least difference (km/h) of mean speeds that is stated."""
 MOST_PLACES: Final = 3
 """Largest number of places that a finding names."""
 BY_ADVICE: Final = "hurried by the advice"
@@ -38,7 +38,7 @@ SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
 GAINED: Final = "Next time: keep a margin; a limit applies until the whole train has left it."
 """Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
 GAINED_MPS: Final = 0.5
-"""Rise (m/s) in speed, after passing the limit, from which the train counts as gaining speed."""
+"""Least rise (m/s) in speed after exceeding the limit of a train that counts as gaining speed."""
 DOES: Final = {
     InstructionKind.TRACTION: "accelerating",
     InstructionKind.HOLD: "holding",

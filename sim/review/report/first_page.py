@@ -1,7 +1,6 @@
 """The first page of a report: four figures, three findings, and their certainty.
 
-A driver's instructor reads it in two minutes. All figures are those of `Drive`, and the rest of the report explains
-them.
+A driver's instructor reads it in two minutes. All figures come from `Drive`, and the rest of the report explains them.
 """
 
 from __future__ import annotations
@@ -75,7 +74,7 @@ def what_happened(drive: Drive) -> str:
 
 
 def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
-    """The four figures: arrival against the timetable, energy driven and above the optimum, time above the limit."""
+    """The four figures: arrival against the timetable, energy used and above the optimum, time above the limit."""
     return _arrival(drive), _driven(drive), _above(drive), _over_limit(drive)
 
 
@@ -201,7 +200,7 @@ def how_sure(drive: Drive) -> list[str]:
 
 
 def train_known(drive: Drive) -> bool:
-    """Whether the optimum is that of the true train, as recorded by a simulator; otherwise its train is assumed."""
+    """Whether the optimum is the true train's, as recorded by a simulator; otherwise its train is assumed."""
     return drive.table.said.saving is not None and drive.table.said.saving.measured
 
 
@@ -352,7 +351,7 @@ def came_about(drive: Drive) -> list[str]:
     if run.get("kind") == "run":
         driver, shown = DRIVERS.get(run.get("driver", ""), run.get("driver", "")), run.get("advice", "")
         day = (
-            f"The day was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): {driver} drove"
+            f"The run was simulated (scenario {run.get('scenario', '?')}, seed {run.get('seed', '?')}): {driver} drove"
         )
         told.append(f"{day} and was shown {_presentation(shown)}.")
         happens = run.get("happens", NOTHING)

@@ -48,7 +48,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     unknowns = () if drive.energy.likely is None else drive.energy.likely.unknowns
     for one in (one for one in unknowns if one.high_j > one.low_j):
         spread = f"{kwh_figure(one.low_j, signed=True)} to {kwh_words(one.high_j, signed=True)}"
-        rows.append((f"above the optimum, by {one.name} {one.assumed}", spread))
+        rows.append((f"effect of {one.name} {one.assumed} on the energy above the optimum", spread))
     told = restrictions_told(drive)
     rows += [("temporary restrictions received", told)] if told else []
     if drive.table.has("advice"):
@@ -56,7 +56,7 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"
-        rows.append((f"within {kmh(APART_MPS):.0f} km/h of a speed shown to keep", share))
+        rows.append((f"time within {kmh(APART_MPS):.0f} km/h of the displayed speed", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
         seconds = [float(one["reaction_s"]) for one in answers if one["followed"]]
@@ -74,7 +74,7 @@ def _withdrawn(drive: Drive) -> str:
 
 
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
-    """The steps from the optimum for the timetable to the energy as driven, which sum."""
+    """The energy terms from the optimum for the timetable to the energy as driven; they add up."""
     rows = []
     against = attribution.against_timetable
     if against is not None and attribution.timetable_j is not None:

@@ -1,1 +1,1 @@
-"""A recorded day with changes: other advice for the drive as it was, or the day simulated again."""
+"""A recorded run with changes: other advice for the drive as it was, or the run simulated again."""

@@ -1,4 +1,4 @@
-"""The new simulation of a recorded day: its scenario, with timetable, disturbances and seed, and the driver.
+"""The new simulation of a recorded run: its scenario, with timetable, disturbances and seed, and the driver.
 
 The scenario of a drive without a simulator is made from its messages. Its file is only attached to the new recording.
 """
@@ -40,11 +40,11 @@ from sim.world.scenario import EPOCH, LONGEST_DWELL_S, SCHEMA_VERSION, Scenario,
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
-"""Lateness (s) below which a departure was on time."""
+"""Lateness (s) of a departure below which it was on time."""
 
 
 def attached_scenario(origin: Origin) -> Scenario:
-    """The scenario of a simulated day, with the input files attached to the recording.
+    """The scenario of a simulated run, with the input files attached to the recording.
 
     Raises DasError if the scenario, or a file that it needs, is not attached.
     """
@@ -215,9 +215,9 @@ BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
-    """The recorded day with the changes of the what-if, and its driver; DasError if it cannot be driven again.
+    """The recorded run with the changes of the what-if, and its driver; DasError if it cannot be simulated.
 
-    For a simulated day, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
+    For a simulated run, scenario and seed are the recorded ones. For any other drive, the scenario is made from the
     recorded messages, and the driver is a simulated one with seed 0.
     """
     if WHAT_IF in origin.run:
@@ -237,7 +237,7 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[
 
 
 def drive_again(day: Day, how: How, out: Path, progress: HeardAgain) -> None:
-    """Drive the day into a recording, with node and recorder as processes; DasError if it cannot be driven."""
+    """Simulate the run into a recording, with node and recorder as processes; DasError if that is impossible."""
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 
@@ -328,7 +328,7 @@ def _check_stops(origin: Origin, names: list[str]) -> None:
 
 
 def _restricted(day: Day, new: Otherwise) -> Day:
-    """The day with its restrictions and the added ones, which are announced from the beginning."""
+    """The run with its restrictions and the added ones, which are announced from the beginning."""
     kept = [one for one in day.disturbances if not (new.without_restrictions and isinstance(one, AnnouncedRestriction))]
     added = [AnnouncedRestriction.of(one, day.service.route.length_m, day.service.clock_s) for one in new.restrictions]
     return with_disturbances(day, [*kept, *added]) if added or len(kept) < len(day.disturbances) else day

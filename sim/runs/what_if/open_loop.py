@@ -140,7 +140,7 @@ def _journey(message: Any, cab: CabOtherwise, plan: CabPlan) -> Any:
 
 
 def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
-    """Attach the input files, and copy all metadata but those of the run."""
+    """Attach the input files, and copy all metadata except the run's."""
     replaced = {origin.files.sha256(kind) for kind in OWN_FILES} if cab.vehicle else set()
     for attached in origin.files.others(replaced):
         file.add_attachment(attached.name, attached.media_type, attached.data)
@@ -183,7 +183,7 @@ class AdviceApart(NamedTuple):
 
 
 def advice_apart(old: Path, new: Path, train: str) -> AdviceApart:
-    """Compare the advice of two recordings of one drive, moment by moment: mode and speed, also those of the guide."""
+    """Compare the advice of two recordings of one drive, moment by moment: modes and speeds of plan and guide."""
     before, after = (_advice(DriveTable.of(recording_of(open_contents(path), train))) for path in (old, new))
     both = [(one, after[time_ns]) for time_ns, one in sorted(before.items()) if time_ns in after]
     differing = [

@@ -1,4 +1,4 @@
-"""The recorded day that a what-if changes."""
+"""The recorded run that a what-if changes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sim.runs.what_if.otherwise import KEPT, Otherwise
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Origin:
-    """A recorded day of one train. `folder` is the place for the input files attached to the recording."""
+    """A recorded run of one train. `folder` is the place for the input files attached to the recording."""
 
     path: Path
     contents: Contents
@@ -64,7 +64,7 @@ class Origin:
 
     @property
     def is_simulated(self) -> bool:
-        """Whether the train was simulated, so that its day can be driven again."""
+        """Whether the train was simulated, so that its run can be simulated again."""
         return self.run.get("kind") == "run"
 
     @property
@@ -96,7 +96,7 @@ class Origin:
                 raise DasError(f"--restriction from km {one.start_m / 1000:g} to {one.end_m / 1000:g}: {way}")
 
     def metadata(self, kind: WhatIfKind, new: Otherwise) -> dict[str, str]:
-        """The metadata of a what-if of this day."""
+        """The metadata of a what-if of this run."""
         return {
             WHAT_IF: str(kind),
             OF: self.path.name,

@@ -1,4 +1,4 @@
-"""The changes that a what-if makes to a recorded day."""
+"""The changes that a what-if makes to a recorded run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.options import ParticipantOption, PopulationOption
 
 KEPT: Final = "what_if_kept"
-"""The metadata key of a what-if for the differences of its day from the recorded one."""
+"""The metadata key of a what-if for the differences of its run from the recorded one."""
 SLOWEST_KMH, FASTEST_KMH = 5.0, 700.0
 """Range of the limits that the user may add."""
 _RESTRICTION: Final = re.compile(r"(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?):(\d+(?:\.\d+)?)")
@@ -43,7 +43,7 @@ class CabOtherwise:
 
 @dataclass(frozen=True, kw_only=True)
 class DrivenOtherwise:
-    """The driver and the display of a newly simulated day; None means as recorded."""
+    """The driver and the display of a newly simulated run; None means as recorded."""
 
     driver: Annotated[
         str | None,
@@ -69,7 +69,7 @@ class DrivenOtherwise:
 
     @property
     def asks_for_a_driver(self) -> bool:
-        """Whether any option is given that only a newly simulated day can have."""
+        """Whether any option is given that only a newly simulated run can have."""
         return any(value is not None for value in (self.driver, self.advice, self.friction, self.participant))
 
 
@@ -100,7 +100,7 @@ class Otherwise:
         return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 
     def kept(self) -> str:
-        """The changes to the day itself, as JSON, for a comparison of both days."""
+        """The changes to the run itself, as JSON, for a comparison of both runs."""
         restrictions, without = [astuple(one) for one in self.restrictions], self.without_restrictions
         return json.dumps({"load": self.cab.load, "restrictions": restrictions, "without_restrictions": without})
 

@@ -297,7 +297,7 @@ def stops(*times: tuple[float, float | None, float | None]) -> dict[str, Any]:
 
 REFUSED: dict[str, dict[str, Any]] = {
     "it is for route 'elsewhere', this node has 'flat-6km'": {"route_id": "elsewhere"},
-    "it drives the route in reverse, this node has it forwards": {"reversed": True},
+    "it is for the route in reverse, but this node is set to forwards": {"reversed": True},
     "it is for train 'T2', this node is for 'T1'": {"train": "T2"},
     "expected one in the direction of the route": stops((0.0, None, 0.0), (1e10, 300.0, None)),
     "it has 1 stops, expected at least 2": stops((0.0, None, None)),

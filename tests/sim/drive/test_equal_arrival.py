@@ -16,6 +16,8 @@ from tests.support.recorded_days import inputs_of_day, recorded_day
 
 DAY = {"scenario_sha256": "s", "seed": "1", "driver": "human", "friction_policy": "as-measured"}
 
+RUNS_DIFFER = "the runs differ in scenario, seed, line, train or disturbances"
+
 
 @cache
 def driven(driver: DriverKind = DriverKind.PERFECT) -> Drive:
@@ -58,13 +60,13 @@ def test_the_time_difference_is_worth_what_the_optimum_needs_for_it() -> None:
 @pytest.mark.parametrize(
     ("other", "why_not"),
     [
-        ({"seed": "2"}, "the days differ"),
-        ({"drawn": json.dumps({"disturbances": ["delay"]})}, "the days differ"),
-        ({"what_if_kept": json.dumps({"load": "full"})}, "the days differ"),
+        ({"seed": "2"}, RUNS_DIFFER),
+        ({"drawn": json.dumps({"disturbances": ["delay"]})}, RUNS_DIFFER),
+        ({"what_if_kept": json.dumps({"load": "full"})}, RUNS_DIFFER),
         ({"driver": "timetable"}, "the drivers differ"),
         ({"drawn": json.dumps({"human": {"participant": 3}})}, "the drivers differ"),
         ({"friction_policy": "electric-first"}, "the brakes differ"),
-        ({"advice": "none"}, "exactly one of them must be driven without advice"),
+        ({"advice": "none"}, "exactly one of them must be without advice"),
         ({"kind": "replay"}, "this needs two simulated runs with the same disturbances, one of them without advice"),
     ],
 )

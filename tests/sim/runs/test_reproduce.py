@@ -188,7 +188,8 @@ def test_a_file_that_a_recording_only_names_is_opened_only_if_the_user_says_so(
     path = with_run(beginning, tmp_path / "run.mcap", without=True, node_arguments=json.dumps(words))
     option = next(a.partition("=")[0] for a, b in pairwise([*words, ""]) if str(pipe) in (b, a.partition("=")[2]))
     expected = (
-        f"run.mcap: names {option} {pipe}, which is not attached, and opened only if you name it: expected --node"
+        f"run.mcap: its node used {option} {pipe}, which is neither attached nor bundled; such a file is opened only "
+        f"if you name it: give all options of das-node with --node, {option} among them"
     )
     with pytest.raises(DasError, match=re.escape(expected)):
         heard_again(path)

@@ -169,7 +169,7 @@ def test_the_paragraph_says_how_the_drive_came_about() -> None:
     """A reader who was not there must not take a simulated day, a replay or a what-if for a real one."""
     text = told_of(kind="run", scenario="flat", seed="3", driver="human", advice="guide", happens="a signal at danger")
     assert (
-        "The day was simulated (scenario flat, seed 3): a simulated human drove and was shown the guide in the cab"
+        "The run was simulated (scenario flat, seed 3): a simulated human drove and was shown the guide in the cab"
         in text
     )
     assert "Disturbances: a signal at danger." in text
