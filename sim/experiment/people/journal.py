@@ -30,6 +30,13 @@ ANSWERS_TABLE: Final = "answers.csv"
 ANSWER_COLUMNS: Final = ("participant", "step", "trial", "item", "value", "wall_ms")
 TAKEN_S: Final = 10.0
 """Longest time (s) for which a session waits for another one that writes the tables."""
+NUMBER: Final = (int, float)
+FIELDS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "answered": {"item": str, "value": str},
+    "driven": {"trial": int, "measures": dict, "held_s": NUMBER},
+    "act": {"task": str, "number": int, "event": str, "wall_ms": NUMBER, "drawn_ms": NUMBER},
+}
+"""The fields of a line that are read again, with their types, by the content of its field `what`."""
 
 
 class PersonJournal:
@@ -88,19 +95,22 @@ def read_journal(path: Path) -> tuple[list[Entry], int]:
 def _entry(line: bytes) -> Entry | None:
     try:
         found = json.loads(line)
-        kinds = {"wall_ns": int, "step": str, "what": str}
-        return found if all(isinstance(found[name], kind) for name, kind in kinds.items()) else None
-    except (ValueError, KeyError, TypeError, RecursionError):
+        kinds = {"wall_ns": int, "step": str, "what": str, **FIELDS.get(found["what"], {})}
+        typed = all(isinstance(found[name], kind) for name, kind in kinds.items())
+        return found if typed and all(isinstance(one, NUMBER) for one in found.get("scores", {}).values()) else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
 def journals(folder: Path) -> dict[int, list[Entry]]:
     """The journals in a study's folder, by the number of the participant."""
-    found = {}
-    for path in sorted((folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")):
-        if path.parent.name[1:].isdigit():
-            found[int(path.parent.name[1:])] = read_journal(path)[0]
-    return dict(sorted(found.items()))
+    return {who: read_journal(path)[0] for who, path in journal_files(folder).items()}
+
+
+def journal_files(folder: Path) -> dict[int, Path]:
+    """The files of the journals in a study's folder, by the number of the participant."""
+    paths = {path.parent.name: path for path in (folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")}
+    return dict(sorted((int(name[1:]), path) for name, path in paths.items() if name[1:].isdecimal()))
 
 
 def write_tables(design: Design, folder: Path) -> None:
