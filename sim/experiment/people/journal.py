@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import FolderTakenError, folder_held, write_whole
+from das.domain.files.writing import FolderTakenError, folder_held, refuse_link, write_whole
 from sim.experiment.design import Design
 from sim.experiment.people.steps import Entry
 from sim.experiment.people.tasks import task_measures
@@ -54,6 +54,7 @@ class PersonJournal:
         self._held = folder_held(self.path.parent, f"participant {self.path.parent.name} is at a desk already")
         self._held.__enter__()
         try:
+            refuse_link(self.path)  # the end of another file would be cut
             self.entries, length = read_journal(self.path)
             self._file = self.path.open("ab", buffering=0)
             self._file.truncate(length)

@@ -255,6 +255,15 @@ def test_a_cut_last_line_is_removed_and_an_altered_one_is_an_error(tmp_path: Pat
             read_journal(path)
 
 
+def test_a_journal_that_is_a_link_is_refused_and_nothing_is_cut(tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("no line end")
+    (tmp_path / "P01").mkdir()
+    (tmp_path / "P01" / "session.jsonl").symlink_to(tmp_path / "other")
+    with pytest.raises(DasError, match="is a symbolic link"), PersonJournal(tmp_path / "P01"):
+        pass
+    assert (tmp_path / "other").read_text() == "no line end"
+
+
 def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design: Design, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for who, energy in ((2, 30.0), (1, 20.0)):
