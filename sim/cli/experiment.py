@@ -80,16 +80,21 @@ def desk(
     check_packages("desk", "starlette", "uvicorn", "websockets", "msgspec", "markdown_it")
     with loading_solver():
         from sim.experiment.checking import checked_in
-        from sim.experiment.design import load_design
+        from sim.experiment.design import DESIGN_JSON, load_design
+        from sim.experiment.people.journal import ANSWERS_TABLE
         from sim.experiment.people.session import Sitting, serve
         from sim.experiment.people.steps import participant_number, plan_of
         from sim.experiment.runner import FINISHED
+        from sim.experiment.study_files import TRIALS_TABLE
 
         asked = load_design(design)
     plan_of(asked)
     who = participant_number(participant, asked)
     if (out / FINISHED).exists():
         raise DasError(f"{out}: holds trials of simulated drivers, expected another folder for people")
+    tables = [] if (out / DESIGN_JSON).exists() else [out / TRIALS_TABLE, out / ANSWERS_TABLE]
+    if there := [path for path in tables if path.exists()]:
+        raise DasError(f"{there[0]}: exists without a design: expected a new folder, or one of this design")
     checked_in(asked, out)
     sitting = Sitting(design=asked, folder=out, who=who, language=str(looks.language), command=typed_command())
 

@@ -12,10 +12,12 @@ from typing import Final
 from das.command_line.files import warn_once, warn_unusual
 from das.command_line.printing import busy, new_table, paragraph, print_table, tell, typed
 from das.domain.errors import DasError, InputError, one_of
+from das.domain.files.reading import read_text
 from das.domain.files.writing import make_folder
 from sim.drivers.kinds import DESK, DriverKind, External, Presentation
 from sim.drivers.parameters import HumanParameters, load_population
 from sim.experiment.design import (
+    COLUMNS,
     DESIGN_JSON,
     ConditionOrder,
     Days,
@@ -139,13 +141,22 @@ def check_design(design: Design) -> DesignCheck:
 
 
 def _check_forms(design: Design) -> None:
-    """Check the questionnaires of a design, and that each of its measures is known or a score of one of them.
+    """Check the texts and questionnaires of a design, and that each of its measures is known or a score of one of them.
 
-    Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
+    Raises DasError or InputError for a file that cannot be used, for a score whose column would be another's, and for
+    an unknown measure.
     """
     desk = design.desk or PeoplePlan()
+    for text in filter(None, (desk.consent, desk.instructions, desk.debriefing)):
+        read_text(desk.folder / text)
     forms = {name: load_form(name, desk.folder) for name in desk.forms}
     scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
+    taken = [*MEASURES, *TASK_MEASURES, *COLUMNS, *(factor.name for factor in design.factors)]
+    for name, form in reversed(forms.items()):
+        for rule in form.score_rules if name in desk.of_a_trial else ():
+            if rule.name in taken or scores.count(rule.name) > 1:
+                expected = "a name that no measure, column, factor or other score of a trial has"
+                raise InputError(form.source, "scores.name", rule.name, expected)
     scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
     for name in design.measures:
         if name not in MEASURES and name not in scores:

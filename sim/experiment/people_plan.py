@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -22,6 +23,7 @@ FORMS: Final = ("before", "after_trial", "after")
 TASKS: Final = ("pedal", "detection")
 MOST_FORMS, MOST_PROBES, MOST_PRACTICE = 20, 10, 20
 CRITERION_MPS: Final = 3.0 * KMH
+_FORM = re.compile(r"(?!probe-)[\w-]{1,40}", re.ASCII)
 LONGEST_HOLD_S: Final = 3600.0
 FASTEST_PACE: Final = 100.0
 
@@ -142,17 +144,29 @@ def _text_file(table: Fields, key: str, *, frozen: bool) -> str:
 def _forms(table: Fields, key: str, *, frozen: bool) -> tuple[str, ...]:
     names = table.rows(key, "a list of questionnaires", MOST_FORMS) if table.data.get(key) else []
     for name in names:
-        if not isinstance(name, str) or not _is_form(table, name, frozen=frozen) or names.count(name) > 1:
+        if not isinstance(name, str) or not _is_form(table, name, frozen=frozen):
             raise table.error(key, name, f"each once, {_form_words()}")
+        if [form_id(one) for one in names if isinstance(one, str)].count(form_id(name)) > 1:
+            raise table.error(key, name, "each once, also without folder and .toml")
     return tuple(names)
 
 
+def form_id(name: str) -> str:
+    """The name of a questionnaire in the ids of its steps: that of its file, without folder and suffix."""
+    return Path(name).stem
+
+
 def _is_form(table: Fields, name: str, *, frozen: bool) -> bool:
-    return frozen or name in bundled_forms() or _is_beside(table, name, ".toml")
+    return (
+        frozen or name in bundled_forms() or (_is_beside(table, name, ".toml") and bool(_FORM.fullmatch(form_id(name))))
+    )
 
 
 def _form_words() -> str:
-    return f"of {', '.join(bundled_forms())}, or a TOML file beside the design file"
+    return (
+        f"of {', '.join(bundled_forms())}, or a TOML file beside the design file, "
+        "named with at most 40 letters, digits, - and _, but not probe-…"
+    )
 
 
 def _is_beside(table: Fields, name: str, suffix: str) -> bool:

@@ -55,6 +55,8 @@ class Together:
 
 def read_both(first: Path, second: Path) -> RunStudy:
     """Read two studies of one design, apart from participants, driver and desk; InputError for the first other key."""
+    if first.resolve() == second.resolve():
+        raise DasError(f"--with {second}: is {first} itself, expected another study of the same design")
     studies = read_study(first), read_study(second)
     ours, theirs = (dict(_flat(read_json(folder / DESIGN_JSON).data)) for folder in (first, second))
     for key in dict.fromkeys([*ours, *theirs]):

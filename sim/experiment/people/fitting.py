@@ -248,7 +248,10 @@ def recorded(folder: Path, design_file: Path | None, participants: Sequence[str]
         hint = "; --design names the design's own file" if design_file is None else ""
         raise DasError(f"{error}{hint}") from None
     check_frozen(design, folder, resolved(design)["hash"])
-    done = {int(row["trial"]) for row in csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE)))}
+    try:
+        done = {int(row["trial"]) for row in csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE)))}
+    except (KeyError, TypeError, ValueError) as error:
+        raise DasError(f"{folder / TRIALS_TABLE}: expected the number of a trial in each row, column trial") from error
     driven = [one for one in trials_of(design) if one.number in done and not one.practice]
     wanted = sorted({number_of(one) for one in participants} or {one.who for one in driven})
     found = {who: [one for one in driven if one.who == who] for who in wanted}

@@ -49,13 +49,13 @@ def number_of(pseudonym: str) -> int:
 def forget(folder: Path, pseudonym: str) -> Removed:
     """Remove a person from a study's folder.
 
-    Raises DasError for an unknown person, one whose desk is running, and files that cannot be removed.
+    Raises DasError for an unknown person, one whose desk is running, altered tables, and files that cannot be removed.
     """
-    number, people = number_of(pseudonym), folder / PEOPLE_FOLDER
+    number, people, before = number_of(pseudonym), folder / PEOPLE_FOLDER, _forgotten(folder)
     known = {int(match[1]): path for path in sorted(people.glob("P*")) if (match := _PSEUDONYM.fullmatch(path.name))}
     if number not in known or known[number].is_symlink():
         names = ", ".join(path.name for path in known.values()) or "none"
-        gone = f" ({pseudonym} was removed on {when})" if (when := _forgotten(folder).get(number)) else ""
+        gone = f" ({pseudonym} was removed on {when})" if (when := before.get(number)) else ""
         raise DasError(f"--participant {pseudonym}: not in {people}{gone}: expected one of its people: {names}")
     mine = known[number]
     try:
@@ -77,13 +77,18 @@ def _text(path: Path) -> str:
 
 def _forgotten(folder: Path) -> dict[int, str]:
     """The dates of removal, by the number of the participant."""
-    lines = [json.loads(line) for line in _text(folder / FORGOTTEN).splitlines()]
-    return {number_of(one["participant"]): one["date"] for one in lines}
+    path = folder / FORGOTTEN
+    try:
+        lines = [json.loads(line) for line in _text(path).splitlines()]
+        return {number_of(str(one["participant"])): str(one["date"]) for one in lines}
+    except (ValueError, KeyError, TypeError, DasError) as error:
+        raise DasError(f"{path}: expected a participant and a date in each line; the file was altered") from error
 
 
 def _emptied(folder: Path, mine: Path, number: int) -> Removed:
     """Remove everything of a person except the own folder with its lock."""
-    trials = f"{participant_name(number)}_"
+    trials, names = f"{participant_name(number)}_", {mine.name, participant_name(number)}
+    tables = {folder / name: _without(folder / name, names) for name in (TRIALS_TABLE, FAILED_TABLE, ANSWERS_TABLE)}
     files = [path for path in sorted(mine.rglob("*"), reverse=True) if path != mine / LOCK]
     files += sorted((folder / RECORDINGS).glob(f"{trials}*"))
     count = size = 0
@@ -94,20 +99,24 @@ def _emptied(folder: Path, mine: Path, number: int) -> Removed:
         count, size = count + 1, size + path.lstat().st_size
         path.unlink()
     rows = 0
-    for table in (TRIALS_TABLE, FAILED_TABLE, ANSWERS_TABLE):
-        left, removed, less = _without(folder / table, {mine.name, participant_name(number)})
+    for table, (left, removed, less) in tables.items():
         rows, size = rows + removed, size + less
         if removed:
-            write_whole(folder / table, left)
+            write_whole(table, left)
     return Removed(participant=mine.name, files=count, rows=rows, bytes=size)
 
 
 def _without(path: Path, names: set[str]) -> tuple[bytes, int, int]:
-    """A table without the rows of a participant; the number of rows removed, and their bytes."""
+    """A table without the rows of a participant; the number of rows removed, and their bytes.
+
+    Raises DasError for a table that a study did not write.
+    """
     text = _text(path)
     if not text:
         return b"", 0, 0
-    head, *rows = csv.reader(io.StringIO(text))
+    head, *rows = filter(None, csv.reader(io.StringIO(text)))
+    if "participant" not in head or any(len(row) != len(head) for row in rows):
+        raise DasError(f"{path}: expected the column participant, and {len(head)} values in each row")
     kept = [row for row in rows if row[head.index("participant")] not in names]
     left = table_text(head, kept)
     return left, len(rows) - len(kept), len(text.encode()) - len(left)

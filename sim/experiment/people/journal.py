@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import FolderTakenError, folder_held, write_whole
+from das.domain.files.writing import FolderTakenError, folder_held, refuse_link, write_whole
 from sim.experiment.design import Design
 from sim.experiment.people.steps import Entry
 from sim.experiment.people.tasks import task_measures
@@ -30,6 +30,13 @@ ANSWERS_TABLE: Final = "answers.csv"
 ANSWER_COLUMNS: Final = ("participant", "step", "trial", "item", "value", "wall_ms")
 TAKEN_S: Final = 10.0
 """Longest time (s) for which a session waits for another one that writes the tables."""
+NUMBER: Final = (int, float)
+FIELDS: Final[Mapping[str, Mapping[str, Any]]] = {
+    "answered": {"item": str, "value": str},
+    "driven": {"trial": int, "measures": dict, "held_s": NUMBER},
+    "act": {"task": str, "number": int, "event": str, "wall_ms": NUMBER, "drawn_ms": NUMBER},
+}
+"""The fields of a line that are read again, with their types, by the content of its field `what`."""
 
 
 class PersonJournal:
@@ -47,6 +54,7 @@ class PersonJournal:
         self._held = folder_held(self.path.parent, f"participant {self.path.parent.name} is at a desk already")
         self._held.__enter__()
         try:
+            refuse_link(self.path)  # the end of another file would be cut
             self.entries, length = read_journal(self.path)
             self._file = self.path.open("ab", buffering=0)
             self._file.truncate(length)
@@ -88,19 +96,22 @@ def read_journal(path: Path) -> tuple[list[Entry], int]:
 def _entry(line: bytes) -> Entry | None:
     try:
         found = json.loads(line)
-        kinds = {"wall_ns": int, "step": str, "what": str}
-        return found if all(isinstance(found[name], kind) for name, kind in kinds.items()) else None
-    except (ValueError, KeyError, TypeError, RecursionError):
+        kinds = {"wall_ns": int, "step": str, "what": str, **FIELDS.get(found["what"], {})}
+        typed = all(isinstance(found[name], kind) for name, kind in kinds.items())
+        return found if typed and all(isinstance(one, NUMBER) for one in found.get("scores", {}).values()) else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
 
 def journals(folder: Path) -> dict[int, list[Entry]]:
     """The journals in a study's folder, by the number of the participant."""
-    found = {}
-    for path in sorted((folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")):
-        if path.parent.name[1:].isdigit():
-            found[int(path.parent.name[1:])] = read_journal(path)[0]
-    return dict(sorted(found.items()))
+    return {who: read_journal(path)[0] for who, path in journal_files(folder).items()}
+
+
+def journal_files(folder: Path) -> dict[int, Path]:
+    """The files of the journals in a study's folder, by the number of the participant."""
+    paths = {path.parent.name: path for path in (folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")}
+    return dict(sorted((int(name[1:]), path) for name, path in paths.items() if name[1:].isdecimal()))
 
 
 def write_tables(design: Design, folder: Path) -> None:

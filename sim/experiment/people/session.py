@@ -7,6 +7,7 @@ if the server is killed, the same command goes on at the same step.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -37,7 +38,7 @@ from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
 from sim.experiment.people.forms import Form, load_form
-from sim.experiment.people.journal import PersonJournal, journals, write_tables
+from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
 from sim.experiment.people.steps import (
     CONSENT_ITEM,
     NO,
@@ -170,6 +171,7 @@ class Session:
         self.trial: RunningTrial | None = None
         """The trial under way."""
         self._tasks: set[asyncio.Task[None]] = set()
+        self._others: dict[int, tuple[int, dict[str, Any]]] = {}
         self.failed: BaseException | None = None
         """The error that ended the session."""
         for step in self._steps:  # the server was killed during this trial
@@ -259,14 +261,29 @@ class Session:
                 yield {"at_s": at_s, "text": f"{one['step']}: {one['what']} {said}".strip()}
 
     def _participants(self) -> Iterator[dict[str, Any]]:
-        """The participants who have begun, and what each has done."""
-        for who, entries in journals(self.sitting.folder).items():
-            now = standing(self._steps_of(who), entries, self.plan)
-            yield {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
+        """The participants who have begun, and what each has done. A journal is read again when it has changed."""
+        for who, path in journal_files(self.sitting.folder).items():
+            with contextlib.suppress(OSError):  # the participant was removed at this moment
+                changed_ns = path.stat().st_mtime_ns
+                if self._others.get(who, (0,))[0] != changed_ns:
+                    self._others[who] = changed_ns, self._participant(who, path)
+                yield self._others[who][1]
+
+    def _participant(self, who: int, path: Path) -> dict[str, Any]:
+        try:
+            now = standing(self._steps_of(who), read_journal(path)[0], self.plan)
+        except DasError:  # the command of that participant says what is wrong
+            return {"participant": pseudonym(who), "done": 0, "of": 0, "state": "the journal was altered"}
+        return {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
 
     def _add(self, step: SessionStep, what: str, **more: Any) -> None:
+        """Write a line to the journal; if that fails, the session ends."""
         trial = {} if step.trial is None else {"trial": step.trial.number}
-        self._journal.add(step.id, what, **trial, **more)
+        try:
+            self._journal.add(step.id, what, **trial, **more)
+        except DasError as error:
+            self.failed = error
+            self.over.set()
         self.watchers.changed()
 
     def _accepts(self, step: SessionStep, said: Answered) -> bool:
@@ -372,6 +389,8 @@ class Session:
         if driven := self._count(step, "driven"):
             self._renamed(step, f"practice-{driven}")
         try:
+            if any(one["what"] == "stopped" for one in self._journal.entries):  # since the step was left
+                raise DasError("the participant stopped")
             self.trial = RunningTrial(self.sitting, step.trial, self.link)
             self.trial.desk.looks = self._look
             self.trial.desk.on_page(Ready())
@@ -431,14 +450,33 @@ def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None
     """
     with PersonJournal(sitting.own) as journal, interrupted_by_termination():
         session, path = Session(sitting, journal), sitting.own / DOOR
-        kept: dict[str, Any] = {"port": 0, "token": new_token(), "watch_token": new_token()}
-        kept |= json.loads(path.read_bytes()) if path.exists() else {}
-        with listening(port or kept["port"]) as door:
+        kept = _kept(path)
+        with _listening(port, kept["port"]) as door:
             _write_privately(path, kept | {"port": door.getsockname()[1]})
             page = address_of(door, kept["token"])
             tell(page, address_of(door, kept["watch_token"]).replace("/?", f"{WATCH}?"))
             asyncio.run(_serve(session, door, kept))
         path.unlink()
+
+
+def _kept(path: Path) -> dict[str, Any]:
+    """Port and tokens of the participant's last session; new ones if it ended, or the file was altered."""
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+        kept = json.loads(path.read_bytes())
+        if type(kept["port"]) is int and all(isinstance(kept[key], str) for key in ("token", "watch_token")):
+            return dict(kept)
+    return {"port": 0, "token": new_token(), "watch_token": new_token()}
+
+
+def _listening(port: int, kept: int) -> socket.socket:
+    """The socket at a port; without one (0), at the last session's, or at any if another program has taken that."""
+    if port or not kept:
+        return listening(port)
+    try:
+        return listening(kept)
+    except DasError as error:
+        warn(f"{error}; open pages do not reconnect: use the new address")
+        return listening(0)
 
 
 def _write_privately(path: Path, content: dict[str, Any]) -> None:

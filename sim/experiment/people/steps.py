@@ -16,7 +16,7 @@ from das.domain.units import KMH
 from sim.drivers.kinds import DESK, DriverKind
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
-from sim.experiment.people_plan import Interrupted, PeoplePlan
+from sim.experiment.people_plan import Interrupted, PeoplePlan, form_id
 from sim.experiment.trials import trials_of
 
 CONSENT_ITEM: Final = "consent"
@@ -101,9 +101,7 @@ def _text(file: str, kind: StepKind, name: str) -> Iterator[SessionStep]:
 
 def _forms(names: Sequence[str], when: str, trial: StudyTrial | None = None) -> Iterator[SessionStep]:
     for name in names:
-        yield SessionStep(
-            id=f"{when}-{name.removesuffix('.toml')}", kind=StepKind.FORM, about="form", form=name, trial=trial
-        )
+        yield SessionStep(id=f"{when}-{form_id(name)}", kind=StepKind.FORM, about="form", form=name, trial=trial)
 
 
 def _around(design: Design, plan: PeoplePlan, trials: Sequence[StudyTrial], i: int) -> Iterator[SessionStep]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.domain.errors import InputError
+from das.domain.errors import DasError, InputError
 from sim.experiment.analysis.comparing import RunStudy, group_estimate, paired_trials, student
 from sim.experiment.analysis.page import as_dict, group_row, group_words, hangs_on, page
 from sim.experiment.analysis.together import analyse_both, joined, read_both
@@ -180,6 +180,12 @@ def test_designs_that_differ_elsewhere_are_refused_by_the_first_key(
     with pytest.raises(InputError, match=re.escape(said)):
         read_both(one, changed(other, change))
     assert said in refusal("experiment", "analyse", str(one), "--with", str(other), cwd=tmp_path)
+
+
+def test_a_study_is_not_compared_with_itself(tmp_path: Path) -> None:
+    first, _ = written(tmp_path)
+    with pytest.raises(DasError, match="itself, expected another study"):
+        read_both(first, first / ".." / first.name)
 
 
 def test_participants_driver_and_desk_may_differ(tmp_path: Path) -> None:

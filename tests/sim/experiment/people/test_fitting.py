@@ -264,6 +264,10 @@ def test_a_study_without_recordings_and_unknown_people_are_refused(tmp_path: Pat
     assert "expected P and 1 to 5 digits" in refusal(
         *words, "--design", "design.toml", "--participant", "7", cwd=tmp_path
     )
+    (tmp_path / "study" / "trials.csv").write_text("trial\nx\n")
+    assert "trials.csv: expected the number of a trial in each row" in refusal(
+        *words, "--design", "design.toml", cwd=tmp_path
+    )
     own.write_text(DESIGN.replace("seed = 4", "seed = 5"))
     assert "holds the frozen design" in refusal(*words, "--design", "design.toml", cwd=tmp_path)
     (tmp_path / "p.toml").write_text("mine")

@@ -121,6 +121,21 @@ def test_a_person_at_a_desk_is_not_removed(study: Path) -> None:
     assert forget(study, "P07").files == 4
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("trials.csv", "a,b\n1,2\n", "trials.csv: expected the column participant, and 2 values in each row"),
+        ("trials.csv", f"{TRIALS}x\n", "trials.csv: expected the column participant, and 4 values in each row"),
+        ("forgotten.jsonl", "P06\n", "forgotten.jsonl: expected a participant and a date in each line"),
+    ],
+)
+def test_nothing_is_removed_from_an_altered_folder(study: Path, name: str, text: str, said: str) -> None:
+    (study / name).write_text(text)
+    before = files_of(study)
+    assert said in refusal("experiment", "forget", str(study), "--participant", "P07", cwd=study)
+    assert files_of(study) == before
+
+
 def test_nothing_is_removed_while_another_command_writes_the_tables(study: Path) -> None:
     before = files_of(study)
     with folder_held(study, "taken"), pytest.raises(DasError, match="another command is at work here"):

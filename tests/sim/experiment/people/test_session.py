@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 import csv
+import json
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import psutil
 import pytest
@@ -17,8 +20,12 @@ pytest.importorskip("starlette", reason="the extra desk is not installed")
 from das.bus.recording import read_recording
 from das.bus.topics import MARK
 from das.domain.errors import DasError
+from sim.desk.host import listening
+from sim.desk.messages import Stopped, WentOn
 from sim.experiment.analysis.comparing import read_study
-from sim.experiment.people.journal import read_journal
+from sim.experiment.design import read_design
+from sim.experiment.people.journal import PersonJournal, read_journal
+from sim.experiment.people.session import Session, Sitting, _kept, _listening
 from tests.support.desk_page import desk_command
 from tests.support.making import refusal
 from tests.support.people_study import Participant, session_of, study
@@ -104,6 +111,65 @@ def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> Non
         page.say("stop", at=1.0)
         page.goes_on(page.step("debriefing"))
         page.step("end")
+
+
+def sitting(tmp_path: Path) -> Sitting:
+    design, out = read_design(study(tmp_path / "design")), tmp_path / "out"
+    return Sitting(design=design, folder=out, who=1, language="en", command="a test")
+
+
+def test_an_altered_journal_of_another_participant_and_a_full_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first is shown to the experimenter, and disturbs nobody; the second ends the session with its error."""
+    mine = sitting(tmp_path)
+    (mine.folder / "people" / "P02").mkdir(parents=True)
+    (mine.folder / "people" / "P02" / "session.jsonl").write_text('{"wall_ns": 1, "step": "end"}\n')
+    with PersonJournal(mine.own) as journal:
+        session = Session(mine, journal)
+        session.opened()
+        assert [one["state"] for one in session.state()["others"]] == ["consent", "the journal was altered"]
+        journal.add("consent", "left")
+        assert session.state()["others"][0]["state"] == "instructions"
+        full = DasError("session.jsonl: cannot be written (No space left on device)")
+        monkeypatch.setattr(journal, "add", Mock(side_effect=full))
+        session.note("He yawns.")
+        assert session.failed is full
+        assert session.over.is_set()
+
+
+def test_who_stops_at_once_after_ready_drives_no_trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.experiment.people.session.RunningTrial", Mock(side_effect=AssertionError))
+    mine = sitting(tmp_path)
+    with PersonJournal(mine.own) as journal:
+        for step in ("consent", "instructions", "before-kss"):
+            journal.add(step, "left")
+        session = Session(mine, journal)
+
+        async def both() -> None:
+            session.on_page(WentOn(step="trial-1", at=1.0))
+            session.on_page(Stopped(at=1.0))
+            await asyncio.sleep(0.1)
+
+        asyncio.run(both())
+        assert session.failed is None
+        assert session.standing.step.id == "debriefing"
+
+
+def test_a_taken_port_and_an_altered_door_are_replaced(tmp_path: Path) -> None:
+    path, kept = tmp_path / "door.json", {"port": 1, "token": "a", "watch_token": "b"}
+    path.write_text(json.dumps(kept))
+    assert _kept(path) == kept
+    for text in ('{"port": 1}', "[]", '{"port"', json.dumps(kept | {"port": "1"})):
+        path.write_text(text)
+        assert _kept(path)["port"] == 0
+        assert len(_kept(path)["token"]) > 20
+    with listening(0) as door:
+        taken = door.getsockname()[1]
+        with _listening(0, taken) as other:
+            assert other.getsockname()[1] != taken
+        with pytest.raises(DasError, match=f"--port {taken}: cannot listen"):
+            _listening(taken, taken)
 
 
 @pytest.mark.nightly
@@ -246,6 +312,10 @@ def test_simulated_drivers_do_not_drive_what_people_drive(tmp_path: Path) -> Non
     (out / "people").mkdir(parents=True)
     said = refusal("experiment", "run", "smoke", "-o", "out", cwd=tmp_path)
     assert "expected another folder for simulated drivers" in said
+    (out / "trials.csv").write_text("mine")
+    said = refusal("experiment", "desk", str(design), "-o", "out", "--participant", "P1", cwd=tmp_path)
+    assert "out/trials.csv: exists without a design: expected a new folder" in said
+    assert (out / "trials.csv").read_text() == "mine"
     (out / "finished.jsonl").touch()
     said = refusal("experiment", "desk", str(design), "-o", "out", "--participant", "P1", cwd=tmp_path)
     assert "expected another folder for people" in said

@@ -37,6 +37,7 @@ ALL = [
     "consent", "instructions", "before-kss", "trial-1", "trial-2", "trial-2-tlx", "break-1", "trial-3", "trial-3-tlx",
     "after-sus", "debriefing", "end",
 ]  # fmt: skip
+LONG = f"{'q' * 41}.toml"
 
 
 @pytest.fixture
@@ -143,6 +144,11 @@ def test_a_participant_is_a_pseudonym_of_the_design(design: Design, text: str) -
         ('consent = "consent.md"', 'consent = "/etc/consent.md"', "expected a Markdown file (.md) beside the design"),
         ('before = ["kss"]', 'before = ["mood"]', "desk.before = 'mood': expected each once, of kss, sus, tlx, trust"),
         ('before = ["kss"]', 'before = ["kss", "kss"]', "desk.before = 'kss': expected each once"),
+        ('before = ["kss"]', 'before = ["kss", "own/kss.toml"]', "expected each once, also without folder"),
+        ('before = ["kss"]', f'before = ["{LONG}"]', "named with at most 40 letters, digits, - and _"),
+        ('after_trial = ["tlx"]', 'after_trial = ["tlx", "own/kss.toml"]',
+         "kss.toml: scores.name = 'energy_kwh': expected a name that no measure, column, factor or other score"),
+        ('consent = "consent.md"', 'consent = "latin.md"', "latin.md: not a UTF-8 text file"),
         ("pace = 10", "pace = 0", "desk.pace = 0.0: expected a number from 0.1 to 100"),
         ("pace = 10", "probes = 2", "desk.probe is missing: expected of kss, sus, tlx, trust, or a TOML file"),
         ("pace = 10", 'tasks = ["radio"]', "desk.tasks = ['radio']: expected a list of names from pedal, detection"),
@@ -155,6 +161,11 @@ def test_a_participant_is_a_pseudonym_of_the_design(design: Design, text: str) -
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    form = '[[items]]\nid = "a"\nleast = 0\nmost = 9\ntext = "A"\n[[scores]]\nname = "energy_kwh"\n'
+    (tmp_path / "own").mkdir()
+    for name in ("own/kss.toml", LONG):
+        (tmp_path / name).write_text(f'schema_version = 1\ntitle = "Own"\n{form}')
+    (tmp_path / "latin.md").write_bytes(b"\xe9")
     changes = [(old, new)] + ([('driver = "desk"\n', "")] if '"driver"' in new else [])
     with pytest.raises(DasError) as raised:
         check_design(read_design(study(tmp_path, *changes)))
@@ -237,9 +248,20 @@ def test_a_cut_last_line_is_removed_and_an_altered_one_is_an_error(tmp_path: Pat
     with PersonJournal(tmp_path / "P01") as journal:
         journal.add("consent", "left")
     assert [one["what"] for one in read_journal(path)[0]] == ["entered", "answered", "left"]
-    path.write_bytes(path.read_bytes().replace(b'"answered"', b"answered"))
-    with pytest.raises(DasError, match="line 2: expected a line as a session writes it"):
-        read_journal(path)
+    whole = path.read_bytes()
+    for old, new in ((b'"answered"', b"answered"), (b'"value"', b'"worth"'), (b'"answered"', b'"driven"')):
+        path.write_bytes(whole.replace(old, new))
+        with pytest.raises(DasError, match="line 2: expected a line as a session writes it"):
+            read_journal(path)
+
+
+def test_a_journal_that_is_a_link_is_refused_and_nothing_is_cut(tmp_path: Path) -> None:
+    (tmp_path / "other").write_text("no line end")
+    (tmp_path / "P01").mkdir()
+    (tmp_path / "P01" / "session.jsonl").symlink_to(tmp_path / "other")
+    with pytest.raises(DasError, match="is a symbolic link"), PersonJournal(tmp_path / "P01"):
+        pass
+    assert (tmp_path / "other").read_text() == "no line end"
 
 
 def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design: Design, tmp_path: Path) -> None:
