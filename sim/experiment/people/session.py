@@ -239,7 +239,7 @@ class Session:
         now, trial = self.standing, self.standing.step.trial
         cab = None if self.trial is None else self.trial.desk.cab
         return {
-            "participant": self.sitting.name, "step": now.step.id, "of": now.of,
+            "participant": self.sitting.name, "step": now.step.id, "of": now.of, "practice": now.step.about == "practice",
             "trial": now.done + (now.step.about == "trial"), "condition": "" if trial is None else trial.condition,
             "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
             "events": list(self._events()), "others": list(self._participants()),
@@ -256,7 +256,8 @@ class Session:
             if one["what"] in _EVENTS:
                 said = one.get("text", one.get("why", ""))
                 at_s = (one["wall_ns"] - entries[0]["wall_ns"]) * NS
-                yield {"at_s": at_s, "text": f"{one['step']}: {one['what']} {said}".strip()}
+                what = "continued" if one["what"] == "left" else one["what"]
+                yield {"at_s": at_s, "text": f"{one['step']}: {what} {said}".strip()}
 
     def _participants(self) -> Iterator[dict[str, Any]]:
         """The participants who have begun, and what each has done."""
