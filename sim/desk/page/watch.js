@@ -28,7 +28,7 @@ function show({ participant, step, trial, of, practice, condition, driven_s, cab
   running = driven_s != null;
   fill($("participant"), participant);
   fill($("step"), `${step ?? "–"}`);
-  fill($("trial"), practice ? "practice" : of ? `${trial} of ${of}` : "–");
+  fill($("trial"), practice ? "practice" : of ? `${trial} of ${of} measured` : "–");
   fill($("condition"), condition || "–");
   $("abort").disabled = !running;
   list("figures", [
