@@ -239,8 +239,9 @@ class Session:
         now, trial = self.standing, self.standing.step.trial
         cab = None if self.trial is None else self.trial.desk.cab
         return {
-            "participant": self.sitting.name, "step": now.step.id, "of": now.of, "practice": now.step.about == "practice",
-            "trial": now.done + (now.step.about == "trial"), "condition": "" if trial is None else trial.condition,
+            "participant": self.sitting.name, "step": now.step.id, "of": now.of,
+            "practice": now.step.about == "practice", "trial": now.done + (now.step.about == "trial"),
+            "condition": "" if trial is None else trial.condition,
             "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
             "events": list(self._events()), "others": list(self._participants()),
         }  # fmt: skip
