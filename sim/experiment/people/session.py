@@ -22,6 +22,7 @@ import uvicorn
 from markdown_it import MarkdownIt
 
 from das.advice.wording import Language
+from das.bus import das_pb2
 from das.bus.session import endpoint, free_ports
 from das.command_line.printing import say, warn
 from das.command_line.process import interrupted_by_termination
@@ -78,7 +79,7 @@ _WORDS: Final = {
 _GOODBYE: Final = (
     "You can close this page.", "Sie können diese Seite schliessen.", "Vous pouvez fermer cette page.",
 )  # fmt: skip
-_EVENTS: Final = ("mark", "note", "left", "driven", "interrupted", "stopped")
+_EVENTS: Final = ("mark", "note", "left", "braked", "driven", "interrupted", "stopped")
 """The entries of the journal that the experimenter's page shows."""
 _markdown: Final = MarkdownIt("commonmark", {"html": False})
 
@@ -125,6 +126,8 @@ class RunningTrial:
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
         self.tasks, self.probe = SideTasks([SideTask(one) for one in plan.tasks], trial.seed, probes_s), 0
         """The tasks beside driving; the number of the probe that stops the run (0: none)."""
+        self.braked = False
+        """Whether the dead-man brake stops the moving train."""
         self.stopped_by = ""
         """The reason for which the trial was stopped; empty if it was not."""
         self._child = Process("trial", "sim.experiment.people.trial", (), given={GIVEN: encoded(settings)})
@@ -304,10 +307,14 @@ class Session:
         self._show()
 
     def _look(self, cab: dict[str, Any]) -> None:
-        """Show and withdraw the requests of the tasks, and stop the run for a probe, at a look of the trial."""
+        """Record the dead-man brake, show and withdraw requests of the tasks, and stop for a probe, at a look."""
         trial = self.trial
         if trial is None or trial.probe:
             return
+        braked = cab["interlock"] == das_pb2.Cab.INTERLOCK_SILENCE and cab["speed_mps"] > 0
+        if braked and not trial.braked:
+            self._add(self.standing.step, "braked", clock_s=cab["clock_s"], why="by the dead-man brake")
+        trial.braked = braked
         for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
             self._tell(event)
         if trial.tasks.probe_due(cab["clock_s"]):
