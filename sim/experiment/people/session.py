@@ -22,7 +22,6 @@ import uvicorn
 from markdown_it import MarkdownIt
 
 from das.advice.wording import Language
-from das.bus import das_pb2
 from das.bus.session import endpoint, free_ports
 from das.command_line.printing import say, warn
 from das.command_line.process import interrupted_by_termination
@@ -33,7 +32,7 @@ from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
 from sim.desk.messages import Acted, Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
-from sim.desk.peer import MARKED
+from sim.desk.peer import MARKED, SILENCE
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
@@ -311,7 +310,7 @@ class Session:
         trial = self.trial
         if trial is None or trial.probe:
             return
-        braked = cab["interlock"] == das_pb2.Cab.INTERLOCK_SILENCE and cab["speed_mps"] > 0
+        braked = cab["interlock"] == SILENCE and cab["speed_mps"] > 0
         if braked and not trial.braked:
             self._add(self.standing.step, "braked", clock_s=cab["clock_s"], why="by the dead-man brake")
         trial.braked = braked
