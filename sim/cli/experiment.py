@@ -222,7 +222,7 @@ def _tell_run(design: Design, jobs: Sequence[TrialJob], found: StudyRun, *, as_j
 
 
 StudyArgument = Annotated[
-    Path, typer.Argument(metavar="DIR", help="Folder of a study that das-sim experiment run made.")
+    Path, typer.Argument(metavar="DIR", help="Folder of a study made by das-sim experiment run or desk.")
 ]
 
 
@@ -314,8 +314,8 @@ def fit(
 ) -> None:
     """Fit a population of drivers to the recordings of a study, for --population and designs.
 
-    Simulated drivers, whose parameters are spread over ranges, drive the same trials; the fit is where they drive as
-    the people did. A parameter that the recordings do not tell keeps its default, with the reason.
+    Simulated drivers, whose parameters are spread over ranges, drive the same trials; the fit is the population
+    that drives as the people did. A parameter that the recordings do not tell keeps its default, with the reason.
     """
     check_packages("experiment", "scipy")
     from sim.experiment.people.fitting import fit as fitted

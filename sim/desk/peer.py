@@ -32,6 +32,7 @@ DEVICES: Final = {
 }
 """The devices by their names on the page."""
 OPENED, GONE, AWAY = das_pb2.Mark.KIND_OPENED, das_pb2.Mark.KIND_GONE, das_pb2.Mark.KIND_AWAY
+SILENCE: Final = das_pb2.Cab.INTERLOCK_SILENCE
 BACK, SETTING, MARKED = das_pb2.Mark.KIND_BACK, das_pb2.Mark.KIND_SETTING, das_pb2.Mark.KIND_MARK
 Told = Callable[[Any | None], None]
 """Callback in the bus's thread, with each message Cab and with None when the run is over."""

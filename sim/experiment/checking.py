@@ -197,8 +197,8 @@ def _order_notes(design: Design) -> list[str]:
         return []
     if not design.people.learning and not design.driven_by_people:
         return [
-            "the order has no effect: earlier trips do not change these drivers (participants.learning = false), "
-            "and nothing else carries over from trial to trial"
+            "the order has no effect on simulated drivers: earlier trips do not change them "
+            "(participants.learning = false), and nothing else carries over from trial to trial"
         ]
     if design.procedure.order is ConditionOrder.LISTED:
         return ["order listed: practice grows from condition to condition, so the comparisons include its effect"]
@@ -287,8 +287,9 @@ def print_check(design: Design, found: DesignCheck, folder: Path | None) -> None
         f"{found.trials} trials{practice}: {found.participants} participants, {each:g} trials each, "
         f"{found.conditions} conditions, order {design.procedure.order}"
     )
+    asked = ", without questionnaires" if found.desk else ""
     paragraph(
-        f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks, "
+        f"duration: {found.longest_participant_s / MINUTE_S:.0f} min for a participant with breaks{asked}, "
         f"{found.all_participants_s / HOUR_S:.1f} h for all"
     )
     if found.desk:

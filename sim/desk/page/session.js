@@ -126,7 +126,7 @@ export class Session {
     this.drawn = words.name;
     fill($("progress"), this.progress());
     fill($("title"), step.title ?? "");
-    fill($("text"), "");
+    fill($("text"), step.kind === "ready" ? words.signs : "");
     $("prose").innerHTML = step.html ?? ""; // the only markup from outside the page: rendered by the server, without HTML
     $("items").replaceChildren(...(step.items ?? []).map((one) => this.item(one)));
     $("keys").replaceChildren(...(step.kind === "ready" ? keys(step.tasks ?? []) : []));
@@ -150,6 +150,8 @@ export class Session {
     if (!this.step || !this.words) return;
     const left_s = Math.ceil((this.until - performance.now()) / 1000);
     $("go").hidden = this.ended || left_s > 0;
+    const box = $("veil").firstElementChild;
+    box.toggleAttribute("data-more", box.scrollHeight - box.clientHeight - box.scrollTop > 8);
     if (this.step.kind === "break" || left_s > 0) {
       fill($("text"), left_s > 0 ? this.words.break_left.replace("{m}", minutes(left_s)) : this.words.break_over);
     }

@@ -24,11 +24,11 @@ function send(message, said) {
   fill($("news"), open ? said : "Not sent: no connection");
 }
 
-function show({ participant, step, trial, of, condition, driven_s, cab, events, others }) {
+function show({ participant, step, trial, of, practice, condition, driven_s, cab, events, others }) {
   running = driven_s != null;
   fill($("participant"), participant);
   fill($("step"), `${step ?? "–"}`);
-  fill($("trial"), of ? `${trial} of ${of}` : "–");
+  fill($("trial"), practice ? "practice" : of ? `${trial} of ${of} measured` : "–");
   fill($("condition"), condition || "–");
   $("abort").disabled = !running;
   list("figures", [

@@ -69,6 +69,14 @@ const ROWS = {
     "conseillée et la position conseillée du manipulateur. Un conseil ne dépasse jamais la vitesse limite. Sans " +
     "conseil, respectez les limites et l’horaire.",
   ],
+  signs: [
+    "White line: the limit. Violet: advice; triangles show the advised speed and place of the lever. Before a stop the " +
+    "metres count down to 0.",
+    "Weisse Linie: Höchstgeschwindigkeit (Vmax). Violett: Empfehlung; Dreiecke zeigen die empfohlene Geschwindigkeit " +
+    "und Stellung des Hebels. Vor einem Halt zählt die Anzeige die Meter bis 0 herunter.",
+    "Ligne blanche : vitesse limite. Violet : conseil ; les triangles indiquent la vitesse et la position du " +
+    "manipulateur conseillées. Avant un arrêt, les mètres sont décomptés jusqu’à 0.",
+  ],
   ready: ["I am ready", "Ich bin bereit", "Commencer"],
   preparing: ["The train is being prepared …", "Der Zug wird vorbereitet …", "Préparation du train …"],
   over: ["Arrived", "Angekommen", "Arrivé"],

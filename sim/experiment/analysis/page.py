@@ -77,9 +77,9 @@ def _drove(study: RunStudy) -> list[str]:
     drivers, count = len(np.unique(trials.participant[~trials.practice])), int((~trials.practice).sum())
     if study.with_people:
         return [
-            f"{drivers} people made {count} trials at the desk, which is not a cab: nothing moves, and nobody answers "
-            "for a real train. The intervals cover the sampling of people like these, not the difference from real "
-            "service."
+            f"{drivers} {'person' if drivers == 1 else 'people'} made {count} trials at the desk, which is not a cab: "
+            "nothing moves, and nobody answers for a real train. The intervals cover the sampling of people like "
+            "these, not the difference from real service."
         ]
     return [
         f"{drivers} simulated drivers from the population “{study.design.people.population}” made "
@@ -168,7 +168,8 @@ def _drivers(one: FoundDifference) -> str:
     if one.groups is not None:
         return f"two groups of {len(one.groups.a)} and {len(one.groups.b)} drivers"
     assert one.pairs is not None
-    return f"{len(one.pairs.participants)} drivers, {len(one.pairs.owner)} pairs"
+    drivers, pairs = len(one.pairs.participants), len(one.pairs.owner)
+    return f"{drivers} driver{'s' * (drivers != 1)}, {pairs} pair{'s' * (pairs != 1)}"
 
 
 def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
@@ -212,7 +213,8 @@ def design_rows(found: StudyFindings) -> list[tuple[str, str]]:
     for name, level in design.fixed.items():
         known = FACTORS.get(name)
         unit = f" {known.unit}" if known is not None and known.unit and level.text != "all" else ""
-        rows.append((f"not varied: {name if known is None else known.title.lower()}", f"{level.text}{unit}"))
+        text = "people" if name == "driver" and found.study.with_people else f"{level.text}{unit}"
+        rows.append((f"not varied: {name if known is None else known.title.lower()}", text))
     for one in design.factors:
         kind = "every driver drives all levels" if one.within else "each driver drives one level"
         rows.append((one.name, f"{', '.join(one.texts)} ({kind})"))

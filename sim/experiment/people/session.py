@@ -33,7 +33,7 @@ from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
 from sim.desk.messages import Acted, Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
-from sim.desk.peer import MARKED
+from sim.desk.peer import MARKED, SILENCE
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
@@ -79,7 +79,7 @@ _WORDS: Final = {
 _GOODBYE: Final = (
     "You can close this page.", "Sie können diese Seite schliessen.", "Vous pouvez fermer cette page.",
 )  # fmt: skip
-_EVENTS: Final = ("mark", "note", "left", "driven", "interrupted", "stopped")
+_EVENTS: Final = ("mark", "note", "left", "braked", "driven", "interrupted", "stopped")
 """The entries of the journal that the experimenter's page shows."""
 _markdown: Final = MarkdownIt("commonmark", {"html": False})
 
@@ -126,6 +126,8 @@ class RunningTrial:
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
         self.tasks, self.probe = SideTasks([SideTask(one) for one in plan.tasks], trial.seed, probes_s), 0
         """The tasks beside driving; the number of the probe that stops the run (0: none)."""
+        self.braked = False
+        """Whether the dead-man brake stops the moving train."""
         self.stopped_by = ""
         """The reason for which the trial was stopped; empty if it was not."""
         self._child = Process("trial", "sim.experiment.people.trial", (), given={GIVEN: encoded(settings)})
@@ -242,7 +244,8 @@ class Session:
         cab = None if self.trial is None else self.trial.desk.cab
         return {
             "participant": self.sitting.name, "step": now.step.id, "of": now.of,
-            "trial": now.done + (now.step.about == "trial"), "condition": "" if trial is None else trial.condition,
+            "practice": now.step.about == "practice", "trial": now.done + (now.step.about == "trial"),
+            "condition": "" if trial is None else trial.condition,
             "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
             "events": list(self._events()), "others": list(self._participants()),
         }  # fmt: skip
@@ -258,7 +261,8 @@ class Session:
             if one["what"] in _EVENTS:
                 said = one.get("text", one.get("why", ""))
                 at_s = (one["wall_ns"] - entries[0]["wall_ns"]) * NS
-                yield {"at_s": at_s, "text": f"{one['step']}: {one['what']} {said}".strip()}
+                what = "continued" if one["what"] == "left" else one["what"]
+                yield {"at_s": at_s, "text": f"{one['step']}: {what} {said}".strip()}
 
     def _participants(self) -> Iterator[dict[str, Any]]:
         """The participants who have begun, and what each has done. A journal is read again when it has changed."""
@@ -319,10 +323,14 @@ class Session:
         self._show()
 
     def _look(self, cab: dict[str, Any]) -> None:
-        """Show and withdraw the requests of the tasks, and stop the run for a probe, at a look of the trial."""
+        """Record the dead-man brake, show and withdraw requests of the tasks, and stop for a probe, at a look."""
         trial = self.trial
         if trial is None or trial.probe:
             return
+        braked = cab["interlock"] == SILENCE and cab["speed_mps"] > 0
+        if braked and not trial.braked:
+            self._add(self.standing.step, "braked", clock_s=cab["clock_s"], why="by the dead-man brake")
+        trial.braked = braked
         for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
             self._tell(event)
         if trial.tasks.probe_due(cab["clock_s"]):

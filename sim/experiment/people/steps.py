@@ -200,7 +200,8 @@ def described(design: Design) -> str:
     practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
     breaks = sum(step.kind is StepKind.BREAK for step in steps)
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
-    until = f" ({band} for {hold}, or {plan.practice_most} drives)" if plan.practice_criterion_mps else ""
+    drives = f"{plan.practice_most} {'drive' if plan.practice_most == 1 else 'drives'}"
+    until = f" ({band} for {hold}, or {drives})" if plan.practice_criterion_mps else ""
     said = [
         plan.consent and "consent",
         plan.instructions and "instructions",

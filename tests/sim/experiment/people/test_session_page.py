@@ -307,7 +307,7 @@ def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(browser: 
     picture(page, "watch")
     figures = page.text("figures")
     assert all(text in figures for text in ("1:23", "80 km/h", "100 km/h", "90 km/h", "30 % brake", "14 s early"))
-    assert page.text("trial") == "3 of 8"
+    assert page.text("trial") == "3 of 8 measured"
     assert page.text("others").startswith("P072 of 8")
     keys = page.page.keyboard
     for key in ("4", "m", "n"):

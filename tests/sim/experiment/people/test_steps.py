@@ -73,7 +73,7 @@ def test_a_participant_does_the_steps_of_the_design_in_order(design: Design) -> 
     for name in ALL:
         assert at(design, entries_before(steps, name)).step.id == name
     assert described(design) == (
-        "consent; instructions; kss; practice (±3 km/h for 5 s, or 1 drives); 2 trials, each with tlx; "
+        "consent; instructions; kss; practice (±3 km/h for 5 s, or 1 drive); 2 trials, each with tlx; "
         "1 break of 1 s; sus; debriefing"
     )
 
