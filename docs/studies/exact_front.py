@@ -82,7 +82,7 @@ def step_table(steps_kmh: Sequence[float] = SPEED_STEPS_KMH) -> Iterator[str]:
     front = solve_front(section)
     coarse = solve_exact(section, 0.0)
     time_s = coarse.least_time_s * (1.0 + STEP_BUFFER)
-    yield "| step of speed | the solver against the exact front |"
+    yield "| step of speed | energy of the solver relative to the exact front |"
     yield "|---:|---:|"
     for step_kmh in steps_kmh:
         grid = Grid(speed_kmh=step_kmh)
@@ -96,9 +96,9 @@ def bounded_lines() -> Iterator[str]:
     exact = solve_exact(case(Level.L0_REG), BUFFERS[-1], limits=Limits(bucket_ms=BUCKET_MS))
     above = 100.0 * (exact.energy_j - exact.bound_j) / np.maximum(np.abs(exact.energy_j), 1.0)
     yield (
-        f"With one partial run per state and {BUCKET_MS:g} ms (level `l0-reg`), "
-        f"{exact.labels / MILLION:.2g} million partial runs give {len(exact.time_s)} runs that exist, at most "
-        f"{above.max():.4f} % above the dual bound and {above.mean():.4f} % in the mean."
+        f"With one partial run kept for each state and each {BUCKET_MS:g} ms of time, "
+        f"{exact.labels / MILLION:.2g} million partial runs give {len(exact.time_s)} complete runs; their energies are "
+        f"at most {above.max():.4f} %, on average {above.mean():.4f} %, above the dual bound."
     )
 
 

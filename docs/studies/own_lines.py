@@ -82,7 +82,10 @@ def line_of(data: Path, source: RealLine) -> Route:
 
 def line_table(lines: list[Route]) -> Iterator[str]:
     """The imported data of each line."""
-    yield "| line | data | km | limits | km/h | gradients | ‰ | climb and fall, m | tunnels, km | points |"
+    yield (
+        "| line | data | km | number of limits | km/h | number of gradients | ‰ | climb and fall, m | tunnels, km "
+        "| points of geometry |"
+    )
     yield "|---|---|---:|---:|---|---:|---|---|---:|---:|"
     for line in lines:
         limits, gradients = line.limits_mps.value, line.gradients_ratio.value / PERMILLE
