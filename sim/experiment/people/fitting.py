@@ -29,9 +29,8 @@ from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import DEFAULT, KEYS, HumanParameters, Shape, Spread, load_population
 from sim.experiment.design import DESIGN_TEXT, MOST_TRIALS_EACH, check_frozen, read_design, resolved
 from sim.experiment.driving import StudyTrial, drive
-from sim.experiment.people.forget import number_of
 from sim.experiment.people.observing import Samples, notches_of, observed, statistics
-from sim.experiment.study_files import TRIALS_TABLE, recording_file
+from sim.experiment.study_files import TRIALS_TABLE, participant_number, pseudonym, recording_file
 from sim.experiment.trials import trials_of
 from sim.recording.course import Floats
 from sim.recording.opening import open_recording
@@ -250,9 +249,9 @@ def recorded(folder: Path, design_file: Path | None, participants: Sequence[str]
     check_frozen(design, folder, resolved(design)["hash"])
     done = {int(row["trial"]) for row in csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE)))}
     driven = [one for one in trials_of(design) if one.number in done and not one.practice]
-    wanted = sorted({number_of(one) for one in participants} or {one.who for one in driven})
+    wanted = sorted({participant_number(one) for one in participants} or {one.who for one in driven})
     found = {who: [one for one in driven if one.who == who] for who in wanted}
-    lacking = [f"P{who:02d}" for who, trials in found.items() if not trials] or ["anybody"] * (not found)
+    lacking = [pseudonym(who) for who, trials in found.items() if not trials] or ["anybody"] * (not found)
     if lacking:
         raise DasError(f"{folder}: no finished trials of {lacking[0]}, expected at least one")
     files = {one.number: folder / recording_file(one) for trials in found.values() for one in trials}

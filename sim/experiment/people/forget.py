@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +18,18 @@ from das.domain.errors import DasError
 from das.domain.files.reading import read_text
 from das.domain.files.writing import LOCK, folder_held, write_whole
 from sim.experiment.driving import participant_name
-from sim.experiment.study_files import FAILED_TABLE, PEOPLE_FOLDER, RECORDINGS, TRIALS_TABLE, table_text
+from sim.experiment.people.journal import ANSWERS_TABLE, tables_held
+from sim.experiment.study_files import (
+    PEOPLE_FOLDER,
+    RECORDINGS,
+    TRIALS_TABLE,
+    participant_number,
+    pseudonym,
+    table_text,
+)
 
-ANSWERS_TABLE: Final = "answers.csv"
-"""The table of all answers to questionnaires."""
 FORGOTTEN: Final = "forgotten.jsonl"
 """The participants who were removed: pseudonym and date, a line for each."""
-_PSEUDONYM = re.compile(r"P(\d{1,5})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,30 +42,21 @@ class Removed:
     bytes: int
 
 
-def number_of(pseudonym: str) -> int:
-    """The number of a participant in the design, from a pseudonym like P07; DasError for another text."""
-    match = _PSEUDONYM.fullmatch(pseudonym)
-    if match is None or not int(match[1]):
-        raise DasError(f"--participant {pseudonym}: expected P and 1 to 5 digits, like P07")
-    return int(match[1])
-
-
-def forget(folder: Path, pseudonym: str) -> Removed:
-    """Remove a person from a study's folder.
+def forget(folder: Path, name: str) -> Removed:
+    """Remove the person with a pseudonym from a study's folder.
 
     Raises DasError for an unknown person, one whose desk is running, and files that cannot be removed.
     """
-    number, people = number_of(pseudonym), folder / PEOPLE_FOLDER
-    known = {int(match[1]): path for path in sorted(people.glob("P*")) if (match := _PSEUDONYM.fullmatch(path.name))}
-    if number not in known or known[number].is_symlink():
-        names = ", ".join(path.name for path in known.values()) or "none"
-        gone = f" ({pseudonym} was removed on {when})" if (when := _forgotten(folder).get(number)) else ""
-        raise DasError(f"--participant {pseudonym}: not in {people}{gone}: expected one of its people: {names}")
-    mine = known[number]
+    number, people = participant_number(name), folder / PEOPLE_FOLDER
+    mine = people / pseudonym(number)
+    if not mine.is_dir() or mine.is_symlink():
+        names = ", ".join(path.name for path in sorted(people.glob("P*"))) or "none"
+        gone = f" ({name} was removed on {when})" if (when := _forgotten(folder).get(mine.name)) else ""
+        raise DasError(f"--participant {name}: not in {people}{gone}: expected one of its people: {names}")
     try:
-        with folder_held(mine, f"{mine.name} is at a desk now"), folder_held(folder, "another command is at work here"):
+        with folder_held(mine, f"{mine.name} is at a desk now"), tables_held(folder):
             found = _emptied(folder, mine, number)
-            if number not in _forgotten(folder):
+            if mine.name not in _forgotten(folder):
                 line = json.dumps({"participant": mine.name, "date": f"{datetime.now(UTC):%Y-%m-%d}"})
                 write_whole(folder / FORGOTTEN, f"{_text(folder / FORGOTTEN)}{line}\n".encode())
             (mine / LOCK).unlink()
@@ -75,17 +70,16 @@ def _text(path: Path) -> str:
     return read_text(path) if path.is_file() else ""
 
 
-def _forgotten(folder: Path) -> dict[int, str]:
-    """The dates of removal, by the number of the participant."""
+def _forgotten(folder: Path) -> dict[str, str]:
+    """The dates of removal, by the pseudonym."""
     lines = [json.loads(line) for line in _text(folder / FORGOTTEN).splitlines()]
-    return {number_of(one["participant"]): one["date"] for one in lines}
+    return {one["participant"]: one["date"] for one in lines}
 
 
 def _emptied(folder: Path, mine: Path, number: int) -> Removed:
     """Remove everything of a person except the own folder with its lock."""
-    trials = f"{participant_name(number)}_"
     files = [path for path in sorted(mine.rglob("*"), reverse=True) if path != mine / LOCK]
-    files += sorted((folder / RECORDINGS).glob(f"{trials}*"))
+    files += sorted((folder / RECORDINGS).glob(f"{participant_name(number)}_*"))
     count = size = 0
     for path in files:
         if path.is_dir() and not path.is_symlink():
@@ -94,20 +88,20 @@ def _emptied(folder: Path, mine: Path, number: int) -> Removed:
         count, size = count + 1, size + path.lstat().st_size
         path.unlink()
     rows = 0
-    for table in (TRIALS_TABLE, FAILED_TABLE, ANSWERS_TABLE):
-        left, removed, less = _without(folder / table, {mine.name, participant_name(number)})
+    for table in (TRIALS_TABLE, ANSWERS_TABLE):
+        left, removed, less = _without(folder / table, participant_name(number))
         rows, size = rows + removed, size + less
         if removed:
             write_whole(folder / table, left)
     return Removed(participant=mine.name, files=count, rows=rows, bytes=size)
 
 
-def _without(path: Path, names: set[str]) -> tuple[bytes, int, int]:
+def _without(path: Path, name: str) -> tuple[bytes, int, int]:
     """A table without the rows of a participant; the number of rows removed, and their bytes."""
     text = _text(path)
     if not text:
         return b"", 0, 0
     head, *rows = csv.reader(io.StringIO(text))
-    kept = [row for row in rows if row[head.index("participant")] not in names]
+    kept = [row for row in rows if row[head.index("participant")] != name]
     left = table_text(head, kept)
     return left, len(rows) - len(kept), len(text.encode()) - len(left)

@@ -105,7 +105,7 @@ def journals(folder: Path) -> dict[int, list[Entry]]:
 
 def write_tables(design: Design, folder: Path) -> None:
     """Write the tables of trials and of answers of all participants; DasError if they cannot be written."""
-    with _held(folder):
+    with tables_held(folder):
         people = journals(folder)
         measures: dict[int, Mapping[str, Any]] = {}
         for entries in people.values():
@@ -116,8 +116,11 @@ def write_tables(design: Design, folder: Path) -> None:
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """The folder's lock; another session holds it only while it writes the tables."""
+def tables_held(folder: Path) -> Iterator[None]:
+    """The lock of a study's folder; sessions hold it only while they write the tables, so it is waited for.
+
+    Raises FolderTakenError if another command has it for longer than `TAKEN_S`.
+    """
     end = time.monotonic() + TAKEN_S
     while True:
         held = folder_held(folder, "another command is at work here")

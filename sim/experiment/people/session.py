@@ -47,14 +47,13 @@ from sim.experiment.people.steps import (
     StepKind,
     is_running,
     plan_of,
-    pseudonym,
     standing,
     steps_of,
 )
 from sim.experiment.people.tasks import SideTask, SideTasks, TaskEvent, probe_times
 from sim.experiment.people.trial import GIVEN, TrialGiven
 from sim.experiment.people.watching import Watchers
-from sim.experiment.study_files import PEOPLE_FOLDER, recording_file
+from sim.experiment.study_files import PEOPLE_FOLDER, pseudonym, recording_file
 from sim.world.lockstep import Process
 from sim.world.service import lay_out
 

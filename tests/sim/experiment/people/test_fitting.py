@@ -261,7 +261,7 @@ def test_a_study_without_recordings_and_unknown_people_are_refused(tmp_path: Pat
         recorded(tmp_path / "study", own, ["P01", "P02"])
     words = ["experiment", "fit", "study", "-o", "p.toml"]
     assert "; --design names the design's own file" in refusal(*words, cwd=tmp_path)
-    assert "expected P and 1 to 5 digits" in refusal(
+    assert "expected P1 to P99999, a pseudonym" in refusal(
         *words, "--design", "design.toml", "--participant", "7", cwd=tmp_path
     )
     own.write_text(DESIGN.replace("seed = 4", "seed = 5"))
