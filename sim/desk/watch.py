@@ -260,7 +260,7 @@ class WatchServer:
         box.put(self._hello())
         self._boxes.add(box)
         try:
-            await box.show()
+            await box.serve()
         finally:
             self._boxes.discard(box)
 

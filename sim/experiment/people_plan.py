@@ -12,6 +12,7 @@ from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
+from sim.experiment.people.tasks import SideTask
 from sim.options import MOST_NOTCHES
 from sim.recording.inputs import sha256
 
@@ -19,7 +20,6 @@ TEXTS: Final = ("consent", "instructions", "debriefing")
 """The keys of the Markdown texts, in their order."""
 FORMS: Final = ("before", "after_trial", "after")
 """The keys of the lists of questionnaires, in their order."""
-TASKS: Final = ("pedal", "detection")
 MOST_FORMS, MOST_PROBES, MOST_PRACTICE = 20, 10, 20
 CRITERION_MPS: Final = 3.0 * KMH
 LONGEST_HOLD_S: Final = 3600.0
@@ -58,7 +58,7 @@ class PeoplePlan:
     interrupted: Interrupted = Interrupted.REPEAT
     notches: int = 10
     pace: float = 1.0
-    tasks: tuple[str, ...] = ()
+    tasks: tuple[SideTask, ...] = ()
     probes: int = 0
     probe: str = ""
     folder: Path = Path()
@@ -125,7 +125,7 @@ def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
         interrupted=table.choice("interrupted", Interrupted, PeoplePlan.interrupted),
         notches=table.whole("notches", (0, MOST_NOTCHES), PeoplePlan.notches),
         pace=pace,
-        tasks=tuple(table.names("tasks", TASKS)),
+        tasks=tuple(SideTask(one) for one in table.names("tasks", list(SideTask))),
         probes=probes,
         probe=probe,
         folder=table.source.parent,

@@ -21,6 +21,7 @@ from das.domain.files.writing import FolderTakenError, folder_held, write_whole
 from sim.experiment.design import Design
 from sim.experiment.people.steps import Entry
 from sim.experiment.people.tasks import task_measures
+from sim.experiment.runner import HeldJournal
 from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE, table_text, trials_table
 from sim.experiment.trials import trials_of
 
@@ -32,49 +33,39 @@ TAKEN_S: Final = 10.0
 """Longest time (s) for which a session waits for another one that writes the tables."""
 
 
-class PersonJournal:
+class PersonJournal(HeldJournal):
     """The journal of a participant, which one session holds at a time; use with `with`. `clocks` are injected.
 
-    Entering raises FolderTakenError while another session has it, and DasError for a journal that was altered.
+    Entering also raises DasError for a journal that was altered.
     """
 
     def __init__(self, folder: Path, clocks: Clocks = WALL) -> None:
-        self.path, self._clocks = folder / JOURNAL, clocks
+        super().__init__(folder / JOURNAL, f"participant {folder.name} is at a desk already")
+        self._clocks = clocks
         self.entries: list[Entry] = []
         """All lines of the journal, in order."""
 
-    def __enter__(self) -> PersonJournal:
-        self._held = folder_held(self.path.parent, f"participant {self.path.parent.name} is at a desk already")
-        self._held.__enter__()
-        try:
-            self.entries, length = read_journal(self.path)
-            self._file = self.path.open("ab", buffering=0)
-            self._file.truncate(length)
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-        self._held.__exit__(None, None, None)
-
     def add(self, step: str, what: str, **more: Any) -> None:
-        """Write a line to the disk at once."""
+        """Write a line to the disk at once; DasError if it cannot be written."""
         entry = {"wall_ns": self._clocks.now_ns(), "step": step, "what": what, **more}
-        try:
-            self._file.write(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+        self.append(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
         self.entries.append(entry)
+
+    def _read(self) -> None:
+        self.entries, length = read_journal(self.path)
+        if self.path.exists():
+            os.truncate(self.path, length)
 
 
 def read_journal(path: Path) -> tuple[list[Entry], int]:
     """The lines of a journal, and their length (bytes) without a cut last one; DasError for a journal that was altered.
 
-    A file that does not exist is empty.
+    A file that does not exist, or is removed meanwhile, is empty.
     """
-    content = path.read_bytes() if path.exists() else b""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        content = b""
     whole = content[: content.rfind(b"\n") + 1]
     found: list[Entry] = []
     for number, line in enumerate(whole.splitlines(), start=1):
@@ -94,19 +85,16 @@ def _entry(line: bytes) -> Entry | None:
         return None
 
 
-def journals(folder: Path) -> dict[int, list[Entry]]:
-    """The journals in a study's folder, by the number of the participant."""
-    found = {}
-    for path in sorted((folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")):
-        if path.parent.name[1:].isdigit():
-            found[int(path.parent.name[1:])] = read_journal(path)[0]
-    return dict(sorted(found.items()))
+def journal_files(folder: Path) -> dict[int, Path]:
+    """The files of the journals in a study's folder, by the number of the participant."""
+    paths = (folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")
+    return dict(sorted((int(path.parent.name[1:]), path) for path in paths if path.parent.name[1:].isdecimal()))
 
 
 def write_tables(design: Design, folder: Path) -> None:
     """Write the tables of trials and of answers of all participants; DasError if they cannot be written."""
     with tables_held(folder):
-        people = journals(folder)
+        people = {who: read_journal(path)[0] for who, path in journal_files(folder).items()}
         measures: dict[int, Mapping[str, Any]] = {}
         for entries in people.values():
             measures |= _measures(design, entries)

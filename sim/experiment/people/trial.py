@@ -8,10 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -29,12 +26,11 @@ from sim.experiment.measures import measured, needs_table
 from sim.experiment.people.steps import plan_of
 from sim.experiment.runner import JobRecording
 from sim.experiment.trials import trials_of
+from sim.world.lockstep import end_with_parent
 from sim.world.loop import TICK_S
 
 GIVEN: Final = "DAS_TRIAL"
 """The environment variable with the trial's settings; other users of the machine cannot read it."""
-PARENT_LOOK_S: Final = 0.5
-"""Interval (s) at which the process checks whether the session is still running."""
 
 
 class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
@@ -87,8 +83,7 @@ def longest_held_s(driven: Driven, band_mps: float) -> float:
 
 def main() -> None:
     """Drive the trial; a session that ends stops it, and the recording remains readable."""
-    parent = int(sys.argv[sys.argv.index("--with-parent") + 1])
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with_parent()
     try:
         with interrupted_by_termination():
             given = msgspec.json.decode(os.environ.pop(GIVEN, ""), type=TrialGiven)
@@ -99,13 +94,6 @@ def main() -> None:
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:
         sys.exit(130)
-
-
-def _end_with(parent: int) -> None:
-    """End this process, as by SIGTERM, when the session has ended."""
-    while os.getppid() == parent:
-        time.sleep(PARENT_LOOK_S)
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import resource
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from das.domain.errors import DasError
 from sim.experiment.checking import check_design
 from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
 from sim.experiment.driving import WatchedDriver
-from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
+from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
 from sim.experiment.people.steps import (
     SessionStep,
     Standing,
@@ -26,9 +27,8 @@ from sim.experiment.people.steps import (
     standing,
     steps_of,
 )
-from sim.experiment.people.tasks import SideTask
 from sim.experiment.people.trial import longest_held_s
-from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan, bundled_forms
+from sim.experiment.people_plan import Interrupted, PeoplePlan, bundled_forms
 from sim.experiment.study_files import participant_number
 from tests.support.making import REPOSITORY
 from tests.support.people_study import study
@@ -161,10 +161,6 @@ def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str
     assert expected in str(raised.value)
 
 
-def test_the_tasks_of_a_design_are_those_of_the_desk() -> None:
-    assert list(SideTask) == list(TASKS)
-
-
 def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
     page = (REPOSITORY / "docs" / "how-to" / "run-people-at-the-desk.md").read_text(encoding="utf-8")
     table = page.partition("```toml\n")[2].partition("```")[0]
@@ -242,6 +238,21 @@ def test_a_cut_last_line_is_removed_and_an_altered_one_is_an_error(tmp_path: Pat
         read_journal(path)
 
 
+def test_a_line_that_does_not_fit_on_the_disk_is_an_error_and_leaves_no_part_of_it(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with PersonJournal(tmp_path / "P01") as journal:
+        journal.add("consent", "entered")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (journal.path.stat().st_size + 20, hard))
+        try:
+            with pytest.raises(DasError, match="cannot be written"):
+                journal.add("consent", "answered", item="consent", value="yes")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        journal.add("consent", "left")
+        assert [one["what"] for one in journal.entries] == ["entered", "left"]
+    assert read_journal(journal.path)[0] == journal.entries
+
+
 def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design: Design, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for who, energy in ((2, 30.0), (1, 20.0)):
@@ -253,7 +264,7 @@ def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design
                 journal.add("trial-2-tlx", "answered", trial=number, item="mental", value=value)
             journal.add("trial-2-tlx", "left", trial=number, scores={"tlx": 40.0})
             journal.add("after-sus", "left", scores={"sus": 70.0})
-    assert list(journals(out)) == [1, 2]
+    assert list(journal_files(out)) == [1, 2]
     write_tables(design, out)
     trials = (out / "trials.csv").read_text().splitlines()
     assert trials[0].endswith("seed,energy_kwh,running_time_s,stops_missed,tlx")
