@@ -141,16 +141,21 @@ def check_design(design: Design) -> DesignCheck:
 def _check_forms(design: Design) -> None:
     """Check the questionnaires of a design, and that each of its measures is known or a score of one of them.
 
-    Raises DasError or InputError for a questionnaire that cannot be used, and for an unknown measure.
+    Raises DasError or InputError for a questionnaire that cannot be used, for a score with the name of something else
+    that is measured in a trial, and for an unknown measure.
     """
     desk = design.desk or PeoplePlan()
     forms = {name: load_form(name, desk.folder) for name in desk.forms}
-    scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
-    scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
+    known = [*MEASURES, *TASK_MEASURES]
+    for form in [forms[name] for name in dict.fromkeys(desk.of_a_trial)]:
+        for rule in form.score_rules:
+            if rule.name in known:
+                raise InputError(form.source, "scores.name", rule.name, "no name of a measure, nor of another score")
+            known.append(rule.name)
+    usable = [name for name in known if name not in TASK_MEASURES or name.startswith(desk.tasks)]
     for name in design.measures:
-        if name not in MEASURES and name not in scores:
-            expected = one_of([*MEASURES, *scores], name)
-            raise InputError(design.source, "analysis.measures", name, expected)
+        if name not in usable:
+            raise InputError(design.source, "analysis.measures", name, one_of(usable, name))
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:

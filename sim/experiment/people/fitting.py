@@ -80,8 +80,6 @@ TRIED: Final = (
     Tried("lever_least_ratio", 0.01, 0.15, "step"),
 )
 """The parameters that a fit tries, each with its statistic. The ranges are assumptions."""
-DRIVERS: Final = 80
-"""Usual number of simulated drivers."""
 LEAST_DRIVERS: Final = 40
 """Fewest simulated drivers with a statistic from whom its dependence on the parameters is taken."""
 CLEAR_T: Final = 4.0

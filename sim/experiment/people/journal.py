@@ -128,17 +128,19 @@ def tables_held(folder: Path) -> Iterator[None]:
 def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, Any]]:
     """The measures of the driven trials by their numbers, with those of questionnaires and tasks.
 
-    The score of a questionnaire that was answered several times in a trial is the mean.
+    Of a trial that was driven several times, the last drive counts. The score of a questionnaire that was answered
+    several times in it is the mean.
     """
     found = {}
-    for number, row in {one["trial"]: one["measures"] for one in entries if one["what"] == "driven"}.items():
+    for number, drive in {one["trial"]: one for one in entries if one["what"] == "driven"}.items():
         mine = [one for one in entries if one.get("trial") == number]
-        broken = [i for i, one in enumerate(mine) if one["what"] == "interrupted"]
-        mine = mine[broken[-1] + 1 if broken else 0 :]
+        before = mine[: mine.index(drive)]
+        began = [i for i, one in enumerate(before) if one["what"] == "left" and one["step"] == drive["step"]]
+        mine = mine[began[-1] if began else 0 :]
         scores: dict[str, list[float]] = {}
         for name, value in (pair for one in mine for pair in one.get("scores", {}).items()):
             scores.setdefault(name, []).append(value)
-        every = {**row, **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
+        every = {**drive["measures"], **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
         found[number] = {name: every.get(name) for name in design.measures}
     return found
 

@@ -119,7 +119,6 @@ class RunningTrial:
         settings = TrialGiven(
             design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
             driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
-            recording=str(sitting.folder / recording_file(trial)),
         )  # fmt: skip
         self.desk = Desk(given, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))

@@ -25,6 +25,7 @@ from sim.experiment.driving import AtDesk, Driven, drive
 from sim.experiment.measures import measured, needs_table
 from sim.experiment.people.steps import plan_of
 from sim.experiment.runner import JobRecording
+from sim.experiment.study_files import recording_file
 from sim.experiment.trials import trials_of
 from sim.world.lockstep import end_with_parent
 from sim.world.loop import TICK_S
@@ -41,7 +42,6 @@ class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     driver_at: str
     recorder_at: str
-    recording: str
     row: str
     command: str
     page: PageSettings
@@ -63,7 +63,7 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
         times_real=plan.pace, driver_at=given.driver_at, recorder_at=given.recorder_at,
         metadata={SETTINGS_KEY: encoded(given.page)},
     )  # fmt: skip
-    record = JobRecording(Path(given.recording), given.command)
+    record = JobRecording(Path(given.folder) / recording_file(trial), given.command)
     make_folder(record.file.parent)
     driven = drive(trial, design.people.population, record, keep=needs_table(design.measures), desk=desk)
     held_s = longest_held_s(driven, plan.practice_criterion_mps)

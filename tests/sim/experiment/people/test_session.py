@@ -118,15 +118,15 @@ def test_an_altered_journal_and_a_cut_door_of_others_stop_nobody(tmp_path: Path)
     for name, file in (("P01", "door.json"), ("P02", "session.jsonl")):
         (tmp_path / "people" / name).mkdir(parents=True)
         (tmp_path / "people" / name / file).write_text("{\n")
-    with session_of(study(tmp_path / "d"), tmp_path) as (address, watch), Participant(address) as page:
-        with Participant(watch, "/watching") as experimenter:
-            page.goes_on(page.step("consent"), consent="no")
-            page.step("end")
-            others = experimenter.until(lambda one: one["t"] == "state" and one["step"] == "end")["others"]
-    assert [(one["participant"], one["state"]) for one in others] == [
-        ("P01", "end"),
-        ("P02", "the journal was altered"),
-    ]
+    with (
+        session_of(study(tmp_path / "d"), tmp_path) as (address, watch),
+        Participant(address) as page,
+        Participant(watch, "/watching") as experimenter,
+    ):
+        page.goes_on(page.step("consent"), consent="no")
+        page.step("end")
+        others = experimenter.until(lambda one: one["t"] == "state" and one["step"] == "end")["others"]
+    assert {one["participant"]: one["state"] for one in others} == {"P01": "end", "P02": "the journal was altered"}
 
 
 def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> None:

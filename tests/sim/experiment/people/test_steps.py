@@ -161,6 +161,16 @@ def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str
     assert expected in str(raised.value)
 
 
+@pytest.mark.parametrize("score", ["energy_kwh", "pedal_s", "tlx"])
+def test_a_score_does_not_replace_a_measure_or_another_score(tmp_path: Path, score: str) -> None:
+    path = study(tmp_path, ('after_trial = ["tlx"]', 'after_trial = ["tlx", "own.toml"]'))
+    own = bundled_forms()["kss"].read_text(encoding="utf-8")
+    assert own.count('name = "kss"') == 1
+    (tmp_path / "own.toml").write_text(own.replace('name = "kss"', f'name = "{score}"'), encoding="utf-8")
+    with pytest.raises(DasError, match=rf"own\.toml: scores\.name = '{score}': expected no name of a measure"):
+        check_design(read_design(path))
+
+
 def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
     page = (REPOSITORY / "docs" / "how-to" / "run-people-at-the-desk.md").read_text(encoding="utf-8")
     table = page.partition("```toml\n")[2].partition("```")[0]
@@ -251,6 +261,24 @@ def test_a_line_that_does_not_fit_on_the_disk_is_an_error_and_leaves_no_part_of_
         journal.add("consent", "left")
         assert [one["what"] for one in journal.entries] == ["entered", "left"]
     assert read_journal(journal.path)[0] == journal.entries
+
+
+def test_only_the_last_drive_of_a_trial_counts_with_its_tasks_and_probes(tmp_path: Path) -> None:
+    """The requests of a task are numbered from 1 in each drive."""
+    changes = [('"tlx"]\n[desk]', '"tlx", "kss", "pedal_missed"]\n[desk]'),
+               ("pace = 10", 'pace = 10\ntasks = ["pedal"]\nprobe = "kss"')]  # fmt: skip
+    design, out = read_design(study(tmp_path, *changes)), tmp_path / "out"
+    with PersonJournal(out / "people" / "P01") as journal:
+        for end, kss, pressed in (("driven", 2.0, True), ("interrupted", 9.0, True), ("driven", 4.0, False)):
+            journal.add("trial-1", "left", trial=1)
+            acts = [("shown", 0.0, 0.0), ("answered", 1500.0, 1000.0), ("gone", 6000.0, 0.0)]
+            for event, wall_ms, drawn_ms in acts if pressed else acts[::2]:
+                act = {"task": "pedal", "number": 1, "event": event, "wall_ms": wall_ms, "drawn_ms": drawn_ms}
+                journal.add("trial-1", "act", trial=1, **act)
+            journal.add("trial-1-probe-1", "left", trial=1, scores={"kss": kss})
+            journal.add("trial-1", end, trial=1, **({"measures": {}, "held_s": 1.0} if end == "driven" else {}))
+    write_tables(design, out)
+    assert (out / "trials.csv").read_text().splitlines()[1].endswith(",4.0,1.0")
 
 
 def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design: Design, tmp_path: Path) -> None:
