@@ -12,7 +12,6 @@ from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
-from sim.experiment.people.tasks import SideTask
 from sim.options import MOST_NOTCHES
 from sim.recording.inputs import sha256
 
@@ -33,6 +32,15 @@ class Interrupted(StrEnum):
     """The participant drives it again."""
     SKIP = "skip"
     """The participant goes on to the next trial."""
+
+
+class SideTask(StrEnum):
+    """The tasks beside driving; the values are those in a design and in messages to the page."""
+
+    PEDAL = "pedal"
+    """A request at long intervals, as from a vigilance device, that stays until it is answered or 5 s have passed."""
+    DETECTION = "detection"
+    """A disc that appears for at most 1 s every 3 to 5 s (intervals of the detection-response task, ISO 17488)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -51,9 +51,10 @@ from sim.experiment.people.steps import (
     standing,
     steps_of,
 )
-from sim.experiment.people.tasks import SideTask, SideTasks, TaskEvent, probe_times
+from sim.experiment.people.tasks import SideTasks, TaskEvent, probe_times
 from sim.experiment.people.trial import GIVEN, TrialGiven
 from sim.experiment.people.watching import Abort, WatcherMark, Watchers, WatcherSaid
+from sim.experiment.people_plan import SideTask
 from sim.experiment.study_files import PEOPLE_FOLDER, pseudonym, recording_file
 from sim.world.lockstep import Process
 from sim.world.service import lay_out
