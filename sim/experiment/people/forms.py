@@ -16,8 +16,9 @@ from typing import Any, Final
 
 from das.advice.wording import Language
 from das.domain.errors import MISSING, is_seen
-from das.domain.files.load import bundled_files, locate
+from das.domain.files.load import locate
 from das.domain.files.reading import Fields, number, read_toml
+from sim.experiment.people_plan import bundled_forms
 
 MOST_ITEMS, MOST_OPTIONS, MOST_STEPS = 60, 20, 100
 LONGEST_TEXT: Final = 600
@@ -132,7 +133,7 @@ def load_form(name: str, folder: Path) -> Form:
 
     Raises DasError for an unknown name or file, and InputError for anything unusable in it.
     """
-    bundled = bundled_files("sim.experiment.people", "forms")
+    bundled = bundled_forms()
     return read_form(bundled[name] if name in bundled else locate(str(folder / name), "questionnaire", bundled))
 
 
