@@ -83,13 +83,13 @@ def desk(
         from sim.experiment.design import DESIGN_JSON, load_design
         from sim.experiment.people.journal import ANSWERS_TABLE
         from sim.experiment.people.session import Sitting, serve
-        from sim.experiment.people.steps import participant_number, plan_of
+        from sim.experiment.people.steps import plan_of
         from sim.experiment.runner import FINISHED
-        from sim.experiment.study_files import TRIALS_TABLE
+        from sim.experiment.study_files import TRIALS_TABLE, participant_number
 
         asked = load_design(design)
     plan_of(asked)
-    who = participant_number(participant, asked)
+    who = participant_number(participant, asked.people.count)
     if (out / FINISHED).exists():
         raise DasError(f"{out}: holds trials of simulated drivers, expected another folder for people")
     tables = [] if (out / DESIGN_JSON).exists() else [out / TRIALS_TABLE, out / ANSWERS_TABLE]

@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 
 from das.bus.session import Bus
 from das.bus.topics import ACTION, CAB, MARK, Received, Topic
-from das.domain.clocks import WALL, Clocks
+from das.domain.clocks import WALL
 from das.domain.errors import DasError
 from das.domain.units import NS
 
@@ -59,17 +59,30 @@ def lsl_library() -> Any:
         raise DasError("--lsl: liblsl is not installed: see https://github.com/sccn/liblsl/releases") from error
 
 
-class Outlets:
-    """The LSL outlets of a train; `push` sends a message if a stream is made from its topic."""
+class StreamedBus(Bus):
+    """A session on the bus whose messages, sent and received, are also sent over LSL, if a stream is made from them."""
 
-    def __init__(self, train: str, clocks: Clocks = WALL) -> None:
-        self._lsl, self._clocks = lsl_library(), clocks
-        self._outlets = {topic: self._outlet(f"das-{train}-{stream.name}", stream) for topic, stream in STREAMS.items()}
+    def __enter__(self) -> Bus:
+        self._lsl = lsl_library()
+        self._outlets = {topic: self._outlet(f"das-{self.train}-{one.name}", one) for topic, one in STREAMS.items()}
+        return super().__enter__()
 
-    def push(self, topic: Topic, message: Message) -> None:
+    def publish(self, topic: Topic, message: Message) -> None:
+        """Send a message on the bus and over LSL."""
+        super().publish(topic, message)
+        self._push(topic, message)
+
+    def receive(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
+        """The next message of the bus, which is also sent over LSL; None after a time (s) without one."""
+        received = super().receive(timeout_s, skip_outdated=skip_outdated)
+        if received is not None and received.message is not None:
+            self._push(received.topic, received.message)
+        return received
+
+    def _push(self, topic: Topic, message: Message) -> None:
         """Send a message with the LSL time when its content arose."""
         if (stream := STREAMS.get(topic.name)) is not None:
-            now_ns = self._clocks.now_ns()
+            now_ns = WALL.now_ns()
             age_s = min(max((now_ns - (stream.arose_ns(message) or now_ns)) * NS, 0.0), LONGEST_AGE_S)
             self._outlets[topic.name].push_sample(stream.sample(message), self._lsl.local_clock() - age_s)
 
@@ -81,23 +94,3 @@ class Outlets:
         for label, unit in stream.channels.items():
             channels.append_child("channel").append_child_value("label", label).append_child_value("unit", unit)
         return lsl.StreamOutlet(info)
-
-
-class StreamedBus(Bus):
-    """A session on the bus whose messages, sent and received, are also sent over LSL."""
-
-    def __enter__(self) -> Bus:
-        self._outlets = Outlets(self.train)
-        return super().__enter__()
-
-    def publish(self, topic: Topic, message: Message) -> None:
-        """Send a message on the bus and over LSL."""
-        super().publish(topic, message)
-        self._outlets.push(topic, message)
-
-    def receive(self, timeout_s: float, *, skip_outdated: bool = False) -> Received | None:
-        """The next message of the bus, which is also sent over LSL; None after a time (s) without one."""
-        received = super().receive(timeout_s, skip_outdated=skip_outdated)
-        if received is not None and received.message is not None:
-            self._outlets.push(received.topic, received.message)
-        return received

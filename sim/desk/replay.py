@@ -61,7 +61,7 @@ class Replay:
     async def _connect(self, socket: WebSocket) -> None:
         box = Outbox(socket)
         box.put(self.hello)
-        await box.show()
+        await box.serve()
 
 
 def _bookmarks(drive: Drive, first_ns: int) -> list[dict[str, Any]]:

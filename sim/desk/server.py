@@ -49,6 +49,7 @@ from sim.desk.messages import (
 )
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
+from sim.world.lockstep import end_with_parent
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
 
@@ -79,8 +80,6 @@ HEADERS: Final = {
     "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
     "Cache-Control": "no-store",
 }
-PARENT_LOOK_S = 1.0
-"""Interval (s) at which the server checks whether its parent is still running."""
 
 
 class Outbox:
@@ -109,16 +108,17 @@ class Outbox:
                 await self._socket.send_text(encoded(message))
         await self._socket.close(self._last)
 
-    async def show(self) -> None:
-        """Accept the socket of a page that only displays, and send messages until it closes; it reports its frames."""
+    async def serve(
+        self, take: Callable[[Any], object] = lambda _said: None, decoded: Callable[[str], Any | None] = heard
+    ) -> None:
+        """Accept the socket, send messages, and pass those of the page to `take` as `listen` does, until it closes."""
         await self._socket.accept()
         sending = asyncio.create_task(self.send())
         try:
-            with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-                async for _ in self._socket.iter_text():
-                    pass
+            await listen(self._socket, take, decoded)
         finally:
             sending.cancel()
+            await asyncio.gather(sending, return_exceptions=True)
 
 
 class Allowance:
@@ -134,16 +134,15 @@ class Allowance:
         return self._left >= 0
 
 
-async def listen(
-    socket: WebSocket, take: Callable[[Any], object], decoded: Callable[[str], Any | None] = heard
-) -> None:
+async def listen(socket: WebSocket, take: Callable[[Any], object], decoded: Callable[[str], Any | None]) -> None:
     """Pass the messages of a page to `take` until it disconnects, sends an invalid message, or sends too many.
 
-    `decoded` returns the message that a text is, None for an invalid one.
+    `decoded` returns the message that a text is, None for an invalid one. A DasError of `take` ends the socket as well;
+    who raises it reports it.
     """
     loop = asyncio.get_running_loop()
     allowance = Allowance(loop.time())
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError, DasError):
         async for text in socket.iter_text():
             said = decoded(text)
             if said is None or not allowance.spend(loop.time()):
@@ -194,20 +193,15 @@ class PageLink:
 
     async def _connect(self, socket: WebSocket) -> None:
         self._loop = asyncio.get_running_loop()
-        await socket.accept()
         box, before = Outbox(socket), self._box
         if before is not None:  # the newer page drives: after a reload, the old page may still seem to be connected
             before.put({"t": "phase", "phase": "taken"}, last=TAKEN)
         self._box = box
         for message in self._user.opened():
             box.put(message)
-        sender = asyncio.create_task(box.send())
         try:
-            await listen(socket, lambda said: self._user.on_page(said) if box is self._box else None)
+            await box.serve(lambda said: self._user.on_page(said) if box is self._box else None)
         finally:
-            sender.cancel()
-            with contextlib.suppress(asyncio.CancelledError, RuntimeError, WebSocketDisconnect):
-                await sender
             if self._box is box:
                 self._box = None
                 self._user.closed()
@@ -369,6 +363,7 @@ def server_of(routes: Sequence[BaseRoute], port: int, token: str, watch_token: s
 def main() -> None:
     """Serve the desk."""
     threading.excepthook = _end_with_thread
+    end_with_parent()
     try:
         with interrupted_by_termination():
             given = given_of(os.environ.pop(GIVEN, ""))
@@ -390,17 +385,8 @@ async def _serve(given: DeskGiven) -> None:
     scenario = load_scenario(given.scenario, given.journey)
     line = lay_out(scenario)
     desk = Desk(given, hello_of(line, scenario.departure_ns, given.language, given.page), line[0])
-    watching = asyncio.create_task(_end_with_parent(int(sys.argv[sys.argv.index("--with-parent") + 1])))
     try:
         door = socket.socket(fileno=given.door)
         await server_of(desk.routes(), door.getsockname()[1], given.token).serve(sockets=[door])
     finally:
         desk.peer.close()
-        watching.cancel()
-
-
-async def _end_with_parent(parent: int) -> None:
-    """End this process when its parent process has ended."""
-    while os.getppid() == parent:
-        await asyncio.sleep(PARENT_LOOK_S)
-    os._exit(0)

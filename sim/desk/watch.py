@@ -29,8 +29,7 @@ from das.domain.restriction import LATEST_NS
 from das.domain.route import Route, Stop
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
-from das.estimate.estimate import Quality
-from das.estimate.localisation import STALE_AFTER_S
+from das.estimate.estimate import STALE_AFTER_S, Quality
 from das.estimate.plausibility import STANDSTILL_MPS
 from sim.desk.line import hello_of
 from sim.desk.messages import PageSettings
@@ -260,7 +259,7 @@ class WatchServer:
         box.put(self._hello())
         self._boxes.add(box)
         try:
-            await box.show()
+            await box.serve()
         finally:
             self._boxes.discard(box)
 

@@ -150,18 +150,18 @@ def _check_forms(design: Design) -> None:
     for text in filter(None, (desk.consent, desk.instructions, desk.debriefing)):
         read_text(desk.folder / text)
     forms = {name: load_form(name, desk.folder) for name in desk.forms}
-    scores = [rule.name for name in desk.of_a_trial for rule in forms[name].score_rules]
     taken = [*MEASURES, *TASK_MEASURES, *COLUMNS, *(factor.name for factor in design.factors)]
-    for name, form in reversed(forms.items()):
-        for rule in form.score_rules if name in desk.of_a_trial else ():
-            if rule.name in taken or scores.count(rule.name) > 1:
+    scores: list[str] = []
+    for form in [forms[name] for name in dict.fromkeys(desk.of_a_trial)]:
+        for rule in form.score_rules:
+            if rule.name in [*taken, *scores]:
                 expected = "a name that no measure, column, factor or other score of a trial has"
                 raise InputError(form.source, "scores.name", rule.name, expected)
-    scores += [name for name in TASK_MEASURES if name.startswith(desk.tasks)]
+            scores.append(rule.name)
+    usable = [*MEASURES, *scores, *(name for name in TASK_MEASURES if name.startswith(desk.tasks))]
     for name in design.measures:
-        if name not in MEASURES and name not in scores:
-            expected = one_of([*MEASURES, *scores], name)
-            raise InputError(design.source, "analysis.measures", name, expected)
+        if name not in usable:
+            raise InputError(design.source, "analysis.measures", name, one_of(usable, name))
 
 
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:

@@ -20,7 +20,6 @@ TEXTS: Final = ("consent", "instructions", "debriefing")
 """The keys of the Markdown texts, in their order."""
 FORMS: Final = ("before", "after_trial", "after")
 """The keys of the lists of questionnaires, in their order."""
-TASKS: Final = ("pedal", "detection")
 MOST_FORMS, MOST_PROBES, MOST_PRACTICE = 20, 10, 20
 CRITERION_MPS: Final = 3.0 * KMH
 _FORM = re.compile(r"(?!probe-)[\w-]{1,40}", re.ASCII)
@@ -35,6 +34,15 @@ class Interrupted(StrEnum):
     """The participant drives it again."""
     SKIP = "skip"
     """The participant goes on to the next trial."""
+
+
+class SideTask(StrEnum):
+    """The tasks beside driving; the values are those in a design and in messages to the page."""
+
+    PEDAL = "pedal"
+    """A request at long intervals, as from a vigilance device, that stays until it is answered or 5 s have passed."""
+    DETECTION = "detection"
+    """A disc that appears for at most 1 s every 3 to 5 s (intervals of the detection-response task, ISO 17488)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +68,7 @@ class PeoplePlan:
     interrupted: Interrupted = Interrupted.REPEAT
     notches: int = 10
     pace: float = 1.0
-    tasks: tuple[str, ...] = ()
+    tasks: tuple[SideTask, ...] = ()
     probes: int = 0
     probe: str = ""
     folder: Path = Path()
@@ -127,7 +135,7 @@ def read_plan(table: Fields, *, frozen: bool) -> PeoplePlan:
         interrupted=table.choice("interrupted", Interrupted, PeoplePlan.interrupted),
         notches=table.whole("notches", (0, MOST_NOTCHES), PeoplePlan.notches),
         pace=pace,
-        tasks=tuple(table.names("tasks", TASKS)),
+        tasks=tuple(SideTask(one) for one in table.names("tasks", list(SideTask))),
         probes=probes,
         probe=probe,
         folder=table.source.parent,

@@ -11,13 +11,14 @@ import hashlib
 import json
 import os
 import sys
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Generic, NamedTuple, Protocol, Self, TypeVar
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -85,7 +86,50 @@ FINISHED: Final = "finished.jsonl"
 """The journal of the jobs in a folder."""
 
 
-class Journal:
+class HeldJournal(ABC):
+    """A file of lines at `path`, whose folder one command holds at a time; use with `with`.
+
+    Entering raises FolderTakenError with the text `taken` if another command holds the folder, and DasError for a file
+    that cannot be read and written.
+    """
+
+    def __init__(self, path: Path, taken: str) -> None:
+        self.path, self._taken = path, taken
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            opened.enter_context(folder_held(self.path.parent, self._taken))
+            try:
+                self._read()
+                self._file = opened.enter_context(self.path.open("ab", buffering=0))
+            except OSError as error:
+                raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
+            self._opened = opened.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._opened.close()
+
+    def append(self, line: bytes) -> None:
+        """Write a line to the disk at once; DasError if it cannot be written, and then no part of it remains."""
+        length = os.fstat(self._file.fileno()).st_size
+        try:
+            if self._file.write(line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            with suppress(OSError):
+                self._file.truncate(length)
+            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+
+    @abstractmethod
+    def _read(self) -> None:
+        """Read the lines in the file, and remove what a killed command has not written whole."""
+
+
+class Journal(HeldJournal):
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
     Only one command may use a folder at a time; a second one gets an error that names the first by `holds`. Every line
@@ -93,36 +137,13 @@ class Journal:
     """
 
     def __init__(self, folder: Path, *, holds: str = "another run") -> None:
-        self._holds = holds
-        self.path = folder / FINISHED
+        super().__init__(folder / FINISHED, f"{holds} is at work here")
         self.rows: dict[str, dict[str, Any]] = {}
-
-    def __enter__(self) -> Journal:
-        self._held = folder_held(self.path.parent, f"{self._holds} is at work here")
-        self._held.__enter__()
-        try:
-            self._read()
-            self._file = self.path.open("ab", buffering=0)
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
-        self._held.__exit__(None, None, None)
 
     def add(self, row: dict[str, Any]) -> None:
         """Write the row of a finished job to the disk immediately."""
         self.rows[row["inputs_sha256"]] = row
-        try:
-            line = _line(row)
-            if self._file.write(line) != len(line):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+        self.append(_line(row))
 
     def _read(self) -> None:
         """Read the rows in the file; damaged lines are removed from it before the next one is appended."""

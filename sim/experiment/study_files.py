@@ -7,6 +7,7 @@ import io
 import json
 import math
 import platform
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -42,6 +43,7 @@ RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
 PEOPLE_FOLDER: Final = "people"
 """The folder with a folder for each person, in a study that people drove at the desk."""
+_PSEUDONYM = re.compile(r"P([0-9]{1,5})")
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
     "participant": "who drove",
@@ -80,6 +82,19 @@ _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     },
 }
 """Meanings of the levels of factors, if the text of a level does not explain itself."""
+
+
+def pseudonym(who: int) -> str:
+    """The pseudonym of a participant (from 1), which is also the name of the person's folder."""
+    return f"P{who:02d}"
+
+
+def participant_number(text: str, most: int = 99_999) -> int:
+    """The number of the participant with a pseudonym (`P07`: 7); DasError for another text, and for too large a one."""
+    match = _PSEUDONYM.fullmatch(text)
+    if match is None or not 1 <= int(match[1]) <= most:
+        raise DasError(f"--participant {text}: expected P1 to P{most}, a pseudonym")
+    return int(match[1])
 
 
 def recording_file(trial: StudyTrial) -> str:

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -38,6 +39,8 @@ from sim.recording.opening import NODE_ARGUMENTS
 
 STOP_TIMEOUT_S = 30.0
 """Time (s) after SIGTERM at which a child process that has not ended is killed."""
+PARENT_LOOK_S = 0.5
+"""Interval (s) at which a process checks whether its parent is still running."""
 
 
 class Process:
@@ -107,6 +110,18 @@ class Process:
     def _last_words(self) -> str:
         lines = Path(self._log.name).read_text(errors="replace").strip().splitlines()
         return lines[-1].removeprefix("error: ") if lines else "it printed nothing"
+
+
+def end_with_parent() -> None:
+    """End this process, which `Process` started, as by SIGTERM when its parent ends."""
+    parent = int(sys.argv[sys.argv.index("--with-parent") + 1])  # passed, because the parent may have ended already
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_LOOK_S)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @dataclass(frozen=True, kw_only=True)

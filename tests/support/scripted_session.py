@@ -16,7 +16,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sim.desk.host import listening
 from sim.desk.server import Outbox, page_routes, server_of
-from sim.experiment.people.watching import Watchers
+from sim.experiment.people.watching import Watchers, WatcherSaid
 from tests.support.desk_server import TOKEN, WAITS_S, Visitor, until
 
 WATCH_TOKEN = "another-token-of-tests"
@@ -29,8 +29,8 @@ class ScriptedSession:
         self.greeting: list[dict[str, Any]] = []
         self.said: list[dict[str, Any]] = []
         self.shown: dict[str, Any] = {"participant": "P07", "others": [], "events": []}
-        self.asked: list[tuple[str, str]] = []
-        self.watchers = Watchers(self)
+        self.asked: list[WatcherSaid] = []
+        self.watchers = Watchers(lambda: self.shown, self.asked.append)
         self._box: Outbox | None = None
         self._socket: WebSocket | None = None
         self.loop = asyncio.new_event_loop()
@@ -65,22 +65,6 @@ class ScriptedSession:
                     self.said.append(json.loads(text))
         finally:
             sending.cancel()
-
-    def state(self) -> dict[str, Any]:
-        """What the experimenter's page is shown."""
-        return self.shown
-
-    def mark(self, text: str) -> None:
-        """A mark of the experimenter."""
-        self.asked.append(("mark", text))
-
-    def note(self, text: str) -> None:
-        """A note of the experimenter."""
-        self.asked.append(("note", text))
-
-    def abort(self) -> None:
-        """The experimenter ends the trial."""
-        self.asked.append(("abort", ""))
 
 
 @contextmanager

@@ -29,9 +29,8 @@ from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import DEFAULT, KEYS, HumanParameters, Shape, Spread, load_population
 from sim.experiment.design import DESIGN_TEXT, MOST_TRIALS_EACH, check_frozen, read_design, resolved
 from sim.experiment.driving import StudyTrial, drive
-from sim.experiment.people.forget import number_of
 from sim.experiment.people.observing import Samples, notches_of, observed, statistics
-from sim.experiment.study_files import TRIALS_TABLE, recording_file
+from sim.experiment.study_files import TRIALS_TABLE, participant_number, pseudonym, recording_file
 from sim.experiment.trials import trials_of
 from sim.recording.course import Floats
 from sim.recording.opening import open_recording
@@ -78,13 +77,12 @@ TRIED: Final = (
     Tried("braking_mps2", 0.25, 0.9, "deceleration"),
     Tried("early_braking_s", 0.5, 6.0, "braking begins"),
     Tried("stop_error_m", 0.5, 5.0, "stop"),
-    Tried("lever_least_ratio", 0.01, 0.15, "step"),
 )
 """The parameters that a fit tries, each with its statistic. The ranges are assumptions."""
-DRIVERS: Final = 80
-"""Usual number of simulated drivers."""
 LEAST_DRIVERS: Final = 40
 """Fewest simulated drivers with a statistic from whom its dependence on the parameters is taken."""
+LEAST_PEOPLE: Final = 6
+"""Fewest people with a statistic: from fewer, the spread between people is not known well enough for an interval."""
 CLEAR_T: Final = 4.0
 DEPENDS_T: Final = 3.0
 """Student's t from which a statistic follows its own parameter, and from which it depends on another one."""
@@ -172,8 +170,8 @@ def fitted(
         line = line_of(own, np.array([one.get(tried.statistic, math.nan) for one in drivers]), places)
         if isinstance(line, str):
             why[own] = line
-        elif 2 * len(mine) < len(people):
-            why[own] = "most people have no such moments"
+        elif len(mine) < LEAST_PEOPLE:
+            why[own] = "too few people have such moments"
         else:
             told[own] = (line, mine)
     found: dict[int, ParameterFigures] = {}
@@ -211,9 +209,8 @@ def _solved(told: Mapping[int, tuple[StatisticLine, Floats]]) -> tuple[Floats, F
     inverse = np.linalg.inv(slopes[:, some])
     places[some] = inverse @ (np.array([mine.mean() for mine in values]) - start)
     count = np.array([len(mine) for mine in values])
-    # With one or two people, chance is as large as among simulated drivers.
-    apart = np.array([mine.var(ddof=1) if len(mine) > 2 else one.noise**2 for one, mine in told.values()])
-    reach = np.where(count > 2, stats.t.ppf(0.975, np.maximum(count - 1, 2)), NORMAL_95) / NORMAL_95
+    apart = np.array([mine.var(ddof=1) for mine in values])
+    reach = stats.t.ppf(0.975, count - 1) / NORMAL_95
     row = np.concatenate([[1.0], places])
     learnt = noise**2 * np.array([row @ line.certainty @ row for line in lines])
     anywhere = (slopes[:, [i for i in range(len(TRIED)) if i not in told]] ** 2).sum(axis=1) / 12.0
@@ -253,11 +250,13 @@ def recorded(folder: Path, design_file: Path | None, participants: Sequence[str]
     except (KeyError, TypeError, ValueError) as error:
         raise DasError(f"{folder / TRIALS_TABLE}: expected the number of a trial in each row, column trial") from error
     driven = [one for one in trials_of(design) if one.number in done and not one.practice]
-    wanted = sorted({number_of(one) for one in participants} or {one.who for one in driven})
+    wanted = sorted({participant_number(one) for one in participants} or {one.who for one in driven})
     found = {who: [one for one in driven if one.who == who] for who in wanted}
-    lacking = [f"P{who:02d}" for who, trials in found.items() if not trials] or ["anybody"] * (not found)
+    lacking = [pseudonym(who) for who, trials in found.items() if not trials] or ["anybody"] * (not found)
     if lacking:
         raise DasError(f"{folder}: no finished trials of {lacking[0]}, expected at least one")
+    if len(found) < LEAST_PEOPLE:
+        raise DasError(f"{folder}: finished trials of {len(found)} people, expected those of at least {LEAST_PEOPLE}")
     files = {one.number: folder / recording_file(one) for trials in found.values() for one in trials}
     if missing := [file for file in files.values() if not file.is_file()]:
         raise DasError(f"{missing[0]}: no such file: only recorded people can be fitted")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import json
-import re
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +18,18 @@ from das.domain.errors import DasError
 from das.domain.files.reading import read_text
 from das.domain.files.writing import LOCK, folder_held, write_whole
 from sim.experiment.driving import participant_name
-from sim.experiment.study_files import FAILED_TABLE, PEOPLE_FOLDER, RECORDINGS, TRIALS_TABLE, table_text
+from sim.experiment.people.journal import ANSWERS_TABLE, tables_held
+from sim.experiment.study_files import (
+    PEOPLE_FOLDER,
+    RECORDINGS,
+    TRIALS_TABLE,
+    participant_number,
+    pseudonym,
+    table_text,
+)
 
-ANSWERS_TABLE: Final = "answers.csv"
-"""The table of all answers to questionnaires."""
 FORGOTTEN: Final = "forgotten.jsonl"
 """The participants who were removed: pseudonym and date, a line for each."""
-_PSEUDONYM = re.compile(r"P(\d{1,5})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,30 +42,21 @@ class Removed:
     bytes: int
 
 
-def number_of(pseudonym: str) -> int:
-    """The number of a participant in the design, from a pseudonym like P07; DasError for another text."""
-    match = _PSEUDONYM.fullmatch(pseudonym)
-    if match is None or not int(match[1]):
-        raise DasError(f"--participant {pseudonym}: expected P and 1 to 5 digits, like P07")
-    return int(match[1])
-
-
-def forget(folder: Path, pseudonym: str) -> Removed:
-    """Remove a person from a study's folder.
+def forget(folder: Path, name: str) -> Removed:
+    """Remove the person with a pseudonym from a study's folder.
 
     Raises DasError for an unknown person, one whose desk is running, altered tables, and files that cannot be removed.
     """
-    number, people, before = number_of(pseudonym), folder / PEOPLE_FOLDER, _forgotten(folder)
-    known = {int(match[1]): path for path in sorted(people.glob("P*")) if (match := _PSEUDONYM.fullmatch(path.name))}
-    if number not in known or known[number].is_symlink():
-        names = ", ".join(path.name for path in known.values()) or "none"
-        gone = f" ({pseudonym} was removed on {when})" if (when := before.get(number)) else ""
-        raise DasError(f"--participant {pseudonym}: not in {people}{gone}: expected one of its people: {names}")
-    mine = known[number]
+    number, people, before = participant_number(name), folder / PEOPLE_FOLDER, _forgotten(folder)
+    mine = people / pseudonym(number)
+    if not mine.is_dir() or mine.is_symlink():
+        names = ", ".join(path.name for path in sorted(people.glob("P*"))) or "none"
+        gone = f" ({name} was removed on {when})" if (when := before.get(mine.name)) else ""
+        raise DasError(f"--participant {name}: not in {people}{gone}: expected one of its people: {names}")
     try:
-        with folder_held(mine, f"{mine.name} is at a desk now"), folder_held(folder, "another command is at work here"):
+        with folder_held(mine, f"{mine.name} is at a desk now"), tables_held(folder):
             found = _emptied(folder, mine, number)
-            if number not in _forgotten(folder):
+            if mine.name not in _forgotten(folder):
                 line = json.dumps({"participant": mine.name, "date": f"{datetime.now(UTC):%Y-%m-%d}"})
                 write_whole(folder / FORGOTTEN, f"{_text(folder / FORGOTTEN)}{line}\n".encode())
             (mine / LOCK).unlink()
@@ -75,22 +70,22 @@ def _text(path: Path) -> str:
     return read_text(path) if path.is_file() else ""
 
 
-def _forgotten(folder: Path) -> dict[int, str]:
-    """The dates of removal, by the number of the participant."""
+def _forgotten(folder: Path) -> dict[str, str]:
+    """The dates of removal, by the pseudonym."""
     path = folder / FORGOTTEN
     try:
         lines = [json.loads(line) for line in _text(path).splitlines()]
-        return {number_of(str(one["participant"])): str(one["date"]) for one in lines}
-    except (ValueError, KeyError, TypeError, DasError) as error:
+        return {str(one["participant"]): str(one["date"]) for one in lines}
+    except (ValueError, KeyError, TypeError) as error:
         raise DasError(f"{path}: expected a participant and a date in each line; the file was altered") from error
 
 
 def _emptied(folder: Path, mine: Path, number: int) -> Removed:
     """Remove everything of a person except the own folder with its lock."""
-    trials, names = f"{participant_name(number)}_", {mine.name, participant_name(number)}
-    tables = {folder / name: _without(folder / name, names) for name in (TRIALS_TABLE, FAILED_TABLE, ANSWERS_TABLE)}
+    names = {mine.name, participant_name(number)}
+    tables = {folder / name: _without(folder / name, names) for name in (TRIALS_TABLE, ANSWERS_TABLE)}
     files = [path for path in sorted(mine.rglob("*"), reverse=True) if path != mine / LOCK]
-    files += sorted((folder / RECORDINGS).glob(f"{trials}*"))
+    files += sorted((folder / RECORDINGS).glob(f"{participant_name(number)}_*"))
     count = size = 0
     for path in files:
         if path.is_dir() and not path.is_symlink():

@@ -16,8 +16,9 @@ from typing import Any, Final
 
 from das.advice.wording import Language
 from das.domain.errors import MISSING, is_seen
-from das.domain.files.load import bundled_files, locate
+from das.domain.files.load import locate
 from das.domain.files.reading import Fields, number, read_toml
+from sim.experiment.people_plan import bundled_forms
 
 MOST_ITEMS, MOST_OPTIONS, MOST_STEPS = 60, 20, 100
 LONGEST_TEXT: Final = 600
@@ -63,17 +64,13 @@ class Item:
     reversed: bool
     needed: bool
 
-    def expected(self, value: str) -> str | None:
-        """What is expected instead of an answer; None for a valid one."""
+    def accepts(self, value: str) -> bool:
+        """Whether an answer is valid."""
         if self.kind is ItemKind.TEXT:
             seen = is_seen(value.replace("\n", " ")) and len(value) <= LONGEST_ANSWER
-            if seen and (value.strip() or not self.needed):
-                return None
-            return f"a text of at most {LONGEST_ANSWER} characters" + " that is not empty" * self.needed
+            return seen and (bool(value.strip()) or not self.needed)
         whole = re.fullmatch(r"-?\d{1,4}", value, re.ASCII) is not None
-        if whole and self.least <= int(value) <= self.most and (int(value) - self.least) % self.step == 0:
-            return None
-        return f"a whole number from {self.least} to {self.most}" + f" in steps of {self.step}" * (self.step > 1)
+        return whole and self.least <= int(value) <= self.most and (int(value) - self.least) % self.step == 0
 
     def share(self, value: str) -> float:
         """The place of a valid answer between the ends of the scale (0 … 1), from the other end if it is reversed."""
@@ -101,7 +98,7 @@ class Score:
     def of(self, answers: Mapping[str, str]) -> float | None:
         """The score; None unless all of its items have a valid answer."""
         given = [(item, answers.get(item.id, "")) for item in self.items]
-        if any(item.expected(value) for item, value in given):
+        if not all(item.accepts(value) for item, value in given):
             return None
         share = sum(item.share(value) for item, value in given) / len(given)
         return round(self.low + share * (self.high - self.low), 9)
@@ -109,39 +106,21 @@ class Score:
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """A questionnaire: its name (of the bundled one, or of the file), file, title, introduction, items and scores."""
+    """A questionnaire: its file, title, introduction, items and scores."""
 
-    name: str
     source: Path
     title: Texts
     intro: Texts
     items: tuple[Item, ...]
     score_rules: tuple[Score, ...]
 
-    @property
-    def needed(self) -> frozenset[str]:
-        """The items that must be answered before the next step."""
-        return frozenset(item.id for item in self.items if item.needed)
+    def accepts(self, item: str, value: str) -> bool:
+        """Whether an answer is to an item of this questionnaire, and valid."""
+        return any(one.id == item and one.accepts(value) for one in self.items)
 
-    def title_for(self, language: str) -> str:
-        """The title in a language."""
-        return text_for(self.title, language)
-
-    def intro_for(self, language: str) -> str:
-        """The introduction in a language; empty if there is none."""
-        return text_for(self.intro, language)
-
-    def items_for(self, language: str) -> list[dict[str, Any]]:
-        """The items as the page receives them."""
-        return [item.words(language) for item in self.items]
-
-    def check(self, item: str, value: str) -> str | None:
-        """The error in an answer, as one line; None for a valid one."""
-        known = {one.id: one for one in self.items}
-        if item not in known:
-            return f"{self.name}: item {item!r}: expected one of {', '.join(known)}"
-        expected = known[item].expected(value)
-        return None if expected is None else f"{self.name}: {item} = {value!r}: expected {expected}"
+    def is_complete(self, answers: Mapping[str, str]) -> bool:
+        """Whether every item that must be answered is answered."""
+        return all(item.accepts(answers.get(item.id, "")) for item in self.items if item.needed)
 
     def scores(self, answers: Mapping[str, str]) -> dict[str, float]:
         """The scores whose items are all answered, by name."""
@@ -154,7 +133,7 @@ def load_form(name: str, folder: Path) -> Form:
 
     Raises DasError for an unknown name or file, and InputError for anything unusable in it.
     """
-    bundled = bundled_files("sim.experiment.people", "forms")
+    bundled = bundled_forms()
     return read_form(bundled[name] if name in bundled else locate(str(folder / name), "questionnaire", bundled))
 
 
@@ -170,7 +149,7 @@ def read_form(path: Path) -> Form:
     scores = [_score(Fields.of(path, row, f"scores[{i}]."), items) for i, row in enumerate(rules)]
     _check_once(fields, "scores", [score.name for score in scores])
     return Form(
-        name=path.stem, source=path, title=_texts(fields, "title"), intro=_texts(fields, "intro", {}),
+        source=path, title=_texts(fields, "title"), intro=_texts(fields, "intro", {}),
         items=tuple(items), score_rules=tuple(scores),
     )  # fmt: skip
 

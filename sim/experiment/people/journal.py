@@ -21,6 +21,7 @@ from das.domain.files.writing import FolderTakenError, folder_held, refuse_link,
 from sim.experiment.design import Design
 from sim.experiment.people.steps import Entry
 from sim.experiment.people.tasks import task_measures
+from sim.experiment.runner import HeldJournal
 from sim.experiment.study_files import PEOPLE_FOLDER, TRIALS_TABLE, table_text, trials_table
 from sim.experiment.trials import trials_of
 
@@ -39,50 +40,40 @@ FIELDS: Final[Mapping[str, Mapping[str, Any]]] = {
 """The fields of a line that are read again, with their types, by the content of its field `what`."""
 
 
-class PersonJournal:
+class PersonJournal(HeldJournal):
     """The journal of a participant, which one session holds at a time; use with `with`. `clocks` are injected.
 
-    Entering raises FolderTakenError while another session has it, and DasError for a journal that was altered.
+    Entering also raises DasError for a journal that was altered.
     """
 
     def __init__(self, folder: Path, clocks: Clocks = WALL) -> None:
-        self.path, self._clocks = folder / JOURNAL, clocks
+        super().__init__(folder / JOURNAL, f"participant {folder.name} is at a desk already")
+        self._clocks = clocks
         self.entries: list[Entry] = []
         """All lines of the journal, in order."""
 
-    def __enter__(self) -> PersonJournal:
-        self._held = folder_held(self.path.parent, f"participant {self.path.parent.name} is at a desk already")
-        self._held.__enter__()
-        try:
-            refuse_link(self.path)  # the end of another file would be cut
-            self.entries, length = read_journal(self.path)
-            self._file = self.path.open("ab", buffering=0)
-            self._file.truncate(length)
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be read and written ({error.strerror})") from error
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-        self._held.__exit__(None, None, None)
-
     def add(self, step: str, what: str, **more: Any) -> None:
-        """Write a line to the disk at once."""
+        """Write a line to the disk at once; DasError if it cannot be written."""
         entry = {"wall_ns": self._clocks.now_ns(), "step": step, "what": what, **more}
-        try:
-            self._file.write(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise DasError(f"{self.path}: cannot be written ({error.strerror})") from error
+        self.append(json.dumps(entry, ensure_ascii=False).encode() + b"\n")
         self.entries.append(entry)
+
+    def _read(self) -> None:
+        refuse_link(self.path)  # the end of another file would be cut
+        self.entries, length = read_journal(self.path)
+        if self.path.exists():
+            os.truncate(self.path, length)
 
 
 def read_journal(path: Path) -> tuple[list[Entry], int]:
     """The lines of a journal, and their length (bytes) without a cut last one; DasError for a journal that was altered.
 
-    A file that does not exist is empty.
+    A file that does not exist, or is removed meanwhile, is empty.
     """
-    content = path.read_bytes() if path.exists() else b""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        content = b""
     whole = content[: content.rfind(b"\n") + 1]
     found: list[Entry] = []
     for number, line in enumerate(whole.splitlines(), start=1):
@@ -103,21 +94,16 @@ def _entry(line: bytes) -> Entry | None:
         return None
 
 
-def journals(folder: Path) -> dict[int, list[Entry]]:
-    """The journals in a study's folder, by the number of the participant."""
-    return {who: read_journal(path)[0] for who, path in journal_files(folder).items()}
-
-
 def journal_files(folder: Path) -> dict[int, Path]:
     """The files of the journals in a study's folder, by the number of the participant."""
-    paths = {path.parent.name: path for path in (folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")}
-    return dict(sorted((int(name[1:]), path) for name, path in paths.items() if name[1:].isdecimal()))
+    paths = (folder / PEOPLE_FOLDER).glob(f"P*/{JOURNAL}")
+    return dict(sorted((int(path.parent.name[1:]), path) for path in paths if path.parent.name[1:].isdecimal()))
 
 
 def write_tables(design: Design, folder: Path) -> None:
     """Write the tables of trials and of answers of all participants; DasError if they cannot be written."""
-    with _held(folder):
-        people = journals(folder)
+    with tables_held(folder):
+        people = {who: read_journal(path)[0] for who, path in journal_files(folder).items()}
         measures: dict[int, Mapping[str, Any]] = {}
         for entries in people.values():
             measures |= _measures(design, entries)
@@ -127,8 +113,11 @@ def write_tables(design: Design, folder: Path) -> None:
 
 
 @contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """The folder's lock; another session holds it only while it writes the tables."""
+def tables_held(folder: Path) -> Iterator[None]:
+    """The lock of a study's folder; sessions hold it only while they write the tables, so it is waited for.
+
+    Raises FolderTakenError if another command has it for longer than `TAKEN_S`.
+    """
     end = time.monotonic() + TAKEN_S
     while True:
         held = folder_held(folder, "another command is at work here")
@@ -148,17 +137,19 @@ def _held(folder: Path) -> Iterator[None]:
 def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, Any]]:
     """The measures of the driven trials by their numbers, with those of questionnaires and tasks.
 
-    The score of a questionnaire that was answered several times in a trial is the mean.
+    Of a trial that was driven several times, the last drive counts. The score of a questionnaire that was answered
+    several times in it is the mean.
     """
     found = {}
-    for number, row in {one["trial"]: one["measures"] for one in entries if one["what"] == "driven"}.items():
+    for number, drive in {one["trial"]: one for one in entries if one["what"] == "driven"}.items():
         mine = [one for one in entries if one.get("trial") == number]
-        broken = [i for i, one in enumerate(mine) if one["what"] == "interrupted"]
-        mine = mine[broken[-1] + 1 if broken else 0 :]
+        before = mine[: mine.index(drive)]
+        began = [i for i, one in enumerate(before) if one["what"] == "left" and one["step"] == drive["step"]]
+        mine = mine[began[-1] if began else 0 :]
         scores: dict[str, list[float]] = {}
         for name, value in (pair for one in mine for pair in one.get("scores", {}).items()):
             scores.setdefault(name, []).append(value)
-        every = {**row, **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
+        every = {**drive["measures"], **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
         found[number] = {name: every.get(name) for name in design.measures}
     return found
 

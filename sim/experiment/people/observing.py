@@ -103,7 +103,7 @@ def _answers(drive: Seconds) -> Iterator[tuple[str, float]]:
 
 def _cruises(drive: Seconds) -> Iterator[tuple[str, float]]:
     """Of light traction: deviations (m/s) from a steady speed, share of seconds with movements of the controller; the
-    settings at rest, small steps between them (logarithm), and the margin (m/s) to a limit that is near."""
+    settings at rest, and the margin (m/s) to a limit that is near."""
     lever, v = drive.lever, drive.speed_mps
     for start, end in stretches((lever > AT_REST_RATIO) & (lever < LIGHT_RATIO) & (v > SLOW_MPS)):
         if end - start >= CRUISE_S:
@@ -113,8 +113,6 @@ def _cruises(drive: Seconds) -> Iterator[tuple[str, float]]:
             yield "held moves", float(np.mean(np.abs(np.diff(lever[start:end])) > 1e-3))
     rest = lever[1:][np.abs(np.diff(lever)) < 1e-6]
     yield from (("rest", float(one)) for one in rest)
-    steps = np.abs(np.diff(rest))
-    yield from (("step", math.log(one)) for one in steps[(steps > 1e-3) & (steps < 0.3)])
     margin = (drive.limit_mps - v)[SETTLED_S:][drive.limit_mps[SETTLED_S:] == drive.limit_mps[:-SETTLED_S]]
     if len(margin) and (least := float(np.quantile(margin, 0.05))) < NEAR_MPS:
         yield "below limit", least
@@ -158,8 +156,6 @@ def statistics(drives: Sequence[Samples]) -> dict[str, float]:
     found |= {name: math.log(max(math.sqrt(np.mean(pooled[name] ** 2)), 1e-3)) for name in _LOG_RMS if name in pooled}
     if len(latency := pooled.get("departure", np.empty(0))) > 2:
         found["departure spread"] = math.log(max(float(latency.std(ddof=1)), 0.02))
-    if "step" in pooled:
-        found["step"] = float(np.quantile(pooled["step"], 0.1))
     return found
 
 

@@ -13,6 +13,7 @@ import os
 import socket
 import time
 from collections.abc import Callable, Coroutine, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -37,7 +38,7 @@ from sim.desk.peer import MARKED, SILENCE
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
 from sim.experiment.driving import StudyTrial
-from sim.experiment.people.forms import Form, load_form
+from sim.experiment.people.forms import Form, load_form, text_for
 from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
 from sim.experiment.people.steps import (
     CONSENT_ITEM,
@@ -48,14 +49,14 @@ from sim.experiment.people.steps import (
     StepKind,
     is_running,
     plan_of,
-    pseudonym,
     standing,
     steps_of,
 )
-from sim.experiment.people.tasks import SideTask, SideTasks, TaskEvent, probe_times
+from sim.experiment.people.tasks import SideTasks, TaskEvent, probe_times
 from sim.experiment.people.trial import GIVEN, TrialGiven
-from sim.experiment.people.watching import Watchers
-from sim.experiment.study_files import PEOPLE_FOLDER, recording_file
+from sim.experiment.people.watching import Abort, WatcherMark, Watchers, WatcherSaid
+from sim.experiment.people_plan import SideTask
+from sim.experiment.study_files import PEOPLE_FOLDER, pseudonym, recording_file
 from sim.world.lockstep import Process
 from sim.world.service import lay_out
 
@@ -120,11 +121,10 @@ class RunningTrial:
         settings = TrialGiven(
             design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
             driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
-            recording=str(sitting.folder / recording_file(trial)),
         )  # fmt: skip
         self.desk = Desk(given, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
-        self.tasks, self.probe = SideTasks([SideTask(one) for one in plan.tasks], trial.seed, probes_s), 0
+        self.tasks, self.probe = SideTasks(plan.tasks, trial.seed, probes_s), 0
         """The tasks beside driving; the number of the probe that stops the run (0: none)."""
         self.braked = False
         """Whether the dead-man brake stops the moving train."""
@@ -169,7 +169,7 @@ class Session:
         self._steps = self._steps_of(sitting.who)
         self._forms = {name: load_form(name, self.plan.folder) for name in self.plan.forms}
         self._texts = {one.id: _text(self.plan.folder / one.file) for one in self._steps if one.file}
-        self.link, self.watchers, self.over = PageLink(self), Watchers(self), asyncio.Event()
+        self.link, self.watchers, self.over = PageLink(self), Watchers(self.state, self.on_watch), asyncio.Event()
         self.trial: RunningTrial | None = None
         """The trial under way."""
         self._tasks: set[asyncio.Task[None]] = set()
@@ -223,19 +223,13 @@ class Session:
         elif self.trial is not None:
             self.trial.desk.on_page(said)
 
-    def mark(self, text: str) -> None:
-        """Mark this moment in the journal and in the recording."""
-        self._add(self.standing.step, "mark", text=text)
-        if self.trial is not None:
-            self.trial.desk.peer.mark(MARKED, Marked(at=time.time() * 1000, text=text[:40]))
-
-    def note(self, text: str) -> None:
-        """Write a note of the experimenter to the journal."""
-        self._add(self.standing.step, "note", text=text)
-
-    def abort(self) -> None:
-        """End the trial under way as interrupted."""
-        if self.trial is not None:
+    def on_watch(self, said: WatcherSaid) -> None:
+        """Do what the experimenter says: a mark is also in the recording; an abort ends the trial as interrupted."""
+        if not isinstance(said, Abort):
+            self._add(self.standing.step, "mark" if isinstance(said, WatcherMark) else "note", text=said.text)
+        if self.trial is not None and isinstance(said, WatcherMark):
+            self.trial.desk.peer.mark(MARKED, Marked(at=time.time() * 1000, text=said.text))
+        elif self.trial is not None and isinstance(said, Abort):
             self._run(self.trial.stop("ended by the experimenter"))
 
     def state(self) -> dict[str, Any]:
@@ -265,42 +259,42 @@ class Session:
                 yield {"at_s": at_s, "text": f"{one['step']}: {what} {said}".strip()}
 
     def _participants(self) -> Iterator[dict[str, Any]]:
-        """The participants who have begun, and what each has done. A journal is read again when it has changed."""
+        """The participants who have begun, and what each has done; only journals that have grown are read."""
         for who, path in journal_files(self.sitting.folder).items():
-            with contextlib.suppress(OSError):  # the participant was removed at this moment
-                changed_ns = path.stat().st_mtime_ns
-                if self._others.get(who, (0,))[0] != changed_ns:
-                    self._others[who] = changed_ns, self._participant(who, path)
-                yield self._others[who][1]
+            with suppress(FileNotFoundError):  # the participant is being forgotten
+                length = path.stat().st_size
+                if self._others.get(who, (-1,))[0] != length:
+                    self._others[who] = length, self._stands(who, path)
+                yield {"participant": pseudonym(who), **self._others[who][1]}
 
-    def _participant(self, who: int, path: Path) -> dict[str, Any]:
+    def _stands(self, who: int, path: Path) -> dict[str, Any]:
         try:
             now = standing(self._steps_of(who), read_journal(path)[0], self.plan)
-        except DasError:  # the command of that participant says what is wrong
-            return {"participant": pseudonym(who), "done": 0, "of": 0, "state": "the journal was altered"}
-        return {"participant": pseudonym(who), "done": now.done, "of": now.of, "state": now.step.id}
+        except DasError as error:  # the session of this participant goes on
+            warn(str(error))
+            return {"done": 0, "of": 0, "state": "the journal was altered"}
+        return {"done": now.done, "of": now.of, "state": now.step.id}
 
     def _add(self, step: SessionStep, what: str, **more: Any) -> None:
         """Write a line to the journal; if that fails, the session ends."""
         trial = {} if step.trial is None else {"trial": step.trial.number}
         try:
             self._journal.add(step.id, what, **trial, **more)
-        except DasError as error:
-            self.failed = error
-            self.over.set()
+        except DasError as error:  # nothing may show that is not in the journal
+            self._fail(error)
+            raise
         self.watchers.changed()
 
     def _accepts(self, step: SessionStep, said: Answered) -> bool:
         if step.kind is StepKind.CONSENT:
             return said.item == CONSENT_ITEM and said.value in (YES, NO)
-        return step.kind is StepKind.FORM and self._forms[step.form].check(said.item, said.value) is None
+        return step.kind is StepKind.FORM and self._forms[step.form].accepts(said.item, said.value)
 
     def _may_leave(self, now: Standing) -> bool:
         if now.step.kind is StepKind.CONSENT:
             return CONSENT_ITEM in now.given
         if now.step.kind is StepKind.FORM:
-            form = self._forms[now.step.form]
-            return all(form.check(item, now.given.get(item, "")) is None for item in form.needed)
+            return self._forms[now.step.form].is_complete(now.given)
         return now.step.kind is not StepKind.END and now.wait_s(time.time_ns()) <= 0
 
     def _leave(self, now: Standing) -> None:
@@ -325,7 +319,7 @@ class Session:
     def _look(self, cab: dict[str, Any]) -> None:
         """Record the dead-man brake, show and withdraw requests of the tasks, and stop for a probe, at a look."""
         trial = self.trial
-        if trial is None or trial.probe:
+        if trial is None or trial.probe or self.failed is not None:
             return
         braked = cab["interlock"] == SILENCE and cab["speed_mps"] > 0
         if braked and not trial.braked:
@@ -377,7 +371,7 @@ class Session:
         return {
             "t": "step", "id": now.step.id, "kind": str(now.step.kind), "title": title, "html": html,
             "language": language, "done": now.done, "of": 0 if now.step.about == "practice" else now.of,
-            "items": [] if form is None else form.items_for(language), "given": now.given,
+            "items": [] if form is None else [item.words(language) for item in form.items], "given": now.given,
             "wait_s": now.wait_s(time.time_ns()), "tasks": self.plan.tasks,
         }  # fmt: skip
 
@@ -385,7 +379,7 @@ class Session:
         """The title and the HTML of a step."""
         language = self.sitting.language
         if form is not None:
-            return form.title_for(language), _markdown.render(form.intro_for(language))
+            return text_for(form.title, language), _markdown.render(text_for(form.intro, language))
         number = list(Language).index(Language(language))
         own = _markdown.render(_GOODBYE[number]) if step.kind is StepKind.END else ""
         title, html = self._texts.get(step.id, ("", own))
@@ -404,10 +398,12 @@ class Session:
             self.trial.desk.on_page(Ready())
             for message in self.trial.desk.opened():
                 self.link.put(message)
-            self._add(step, "driven", **await self.trial.row())
+            row = await self.trial.row()
         except DasError as error:
             warn(f"trial {step.trial.number} ({self.sitting.name}): interrupted: {error}")
             self._keep_interrupted(step, str(error))
+        else:
+            self._add(step, "driven", **row)
         finally:
             self.close()
             self.trial = None
@@ -444,9 +440,12 @@ class Session:
 
     def _ended(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
-        if not task.cancelled() and task.exception() is not None:
-            self.failed = task.exception()
-            self.over.set()
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._fail(error)
+
+    def _fail(self, error: BaseException) -> None:
+        self.failed = self.failed or error
+        self.over.set()
 
 
 def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None:

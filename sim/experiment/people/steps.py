@@ -5,7 +5,6 @@ Nothing here has a state of its own: a session that was killed reads its journal
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -22,7 +21,6 @@ from sim.experiment.trials import trials_of
 CONSENT_ITEM: Final = "consent"
 YES, NO = "yes", "no"
 """The answers to the request for consent."""
-_PSEUDONYM = re.compile(r"P(\d{1,5})")
 Entry = Mapping[str, Any]
 """A line of a journal: `wall_ns` (ns since 1970), `step`, `what`, and what belongs to it."""
 
@@ -56,19 +54,6 @@ class SessionStep:
     trial: StudyTrial | None = None
     to_criterion: bool = False
     """Whether a practice trial is repeated until its criterion is met."""
-
-
-def participant_number(text: str, design: Design) -> int:
-    """The number of the participant with a pseudonym (`P07`: 7); DasError for another text, and for too large a one."""
-    match = _PSEUDONYM.fullmatch(text)
-    if match is None or not 1 <= int(match[1]) <= design.people.count:
-        raise DasError(f"--participant {text}: expected P1 to P{design.people.count}, a pseudonym")
-    return int(match[1])
-
-
-def pseudonym(who: int) -> str:
-    """The pseudonym of a participant, which is also the name of the folder."""
-    return f"P{who:02d}"
 
 
 def plan_of(design: Design) -> PeoplePlan:

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+
+from sim.experiment.people_plan import SideTask
 
 SOONEST_S: Final = 0.1
 """Shortest reaction time (s); an earlier answer is an anticipation, no reaction."""
@@ -20,15 +21,6 @@ PROBE_MARGIN: Final = 0.2
 """Share of a probe's part of the drive, at its beginning and its end, in which there is no probe."""
 _PROBES: Final = 99
 """The number of the random stream of the probes."""
-
-
-class SideTask(StrEnum):
-    """The tasks beside driving; the values are those in a design and in messages to the page."""
-
-    PEDAL = "pedal"
-    """A request at long intervals, as from a vigilance device, that stays until it is answered or 5 s have passed."""
-    DETECTION = "detection"
-    """A disc that appears for at most 1 s every 3 to 5 s (intervals of the detection-response task, ISO 17488)."""
 
 
 class Timing(NamedTuple):

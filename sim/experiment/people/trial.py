@@ -8,10 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
-import signal
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -28,13 +25,13 @@ from sim.experiment.driving import AtDesk, Driven, drive
 from sim.experiment.measures import measured, needs_table
 from sim.experiment.people.steps import plan_of
 from sim.experiment.runner import JobRecording
+from sim.experiment.study_files import recording_file
 from sim.experiment.trials import trials_of
+from sim.world.lockstep import end_with_parent
 from sim.world.loop import TICK_S
 
 GIVEN: Final = "DAS_TRIAL"
 """The environment variable with the trial's settings; other users of the machine cannot read it."""
-PARENT_LOOK_S: Final = 0.5
-"""Interval (s) at which the process checks whether the session is still running."""
 
 
 class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
@@ -45,7 +42,6 @@ class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     driver_at: str
     recorder_at: str
-    recording: str
     row: str
     command: str
     page: PageSettings
@@ -67,7 +63,7 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
         times_real=plan.pace, driver_at=given.driver_at, recorder_at=given.recorder_at,
         metadata={SETTINGS_KEY: encoded(given.page)},
     )  # fmt: skip
-    record = JobRecording(Path(given.recording), given.command)
+    record = JobRecording(Path(given.folder) / recording_file(trial), given.command)
     make_folder(record.file.parent)
     driven = drive(trial, design.people.population, record, keep=needs_table(design.measures), desk=desk)
     held_s = longest_held_s(driven, plan.practice_criterion_mps)
@@ -87,8 +83,7 @@ def longest_held_s(driven: Driven, band_mps: float) -> float:
 
 def main() -> None:
     """Drive the trial; a session that ends stops it, and the recording remains readable."""
-    parent = int(sys.argv[sys.argv.index("--with-parent") + 1])
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    end_with_parent()
     try:
         with interrupted_by_termination():
             given = msgspec.json.decode(os.environ.pop(GIVEN, ""), type=TrialGiven)
@@ -99,13 +94,6 @@ def main() -> None:
         sys.exit(f"error: {error}")
     except KeyboardInterrupt:
         sys.exit(130)
-
-
-def _end_with(parent: int) -> None:
-    """End this process, as by SIGTERM, when the session has ended."""
-    while os.getppid() == parent:
-        time.sleep(PARENT_LOOK_S)
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 if __name__ == "__main__":

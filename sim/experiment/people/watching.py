@@ -6,8 +6,9 @@ The page has its own address and token (`sim.desk.server.Doorkeeper`), because i
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from functools import partial
-from typing import Annotated, Any, Final, Protocol
+from typing import Annotated, Any, Final
 
 import msgspec
 from starlette.requests import Request
@@ -16,7 +17,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from sim.desk.messages import heard
-from sim.desk.server import FILES, WATCH, Outbox, listen
+from sim.desk.server import FILES, WATCH, Outbox
 
 STATE_S: Final = 1.0
 """Interval (s) of the states; a change is sent at once."""
@@ -40,30 +41,19 @@ class Abort(msgspec.Struct, tag_field="t", tag="abort", frozen=True):
     """The request to end the running trial as interrupted."""
 
 
-_decoded: Final = partial(heard, decoder=msgspec.json.Decoder(WatcherMark | WatcherNote | Abort))
-
-
-class Watched(Protocol):
-    """A session as the experimenter sees it. All methods are called in the thread of the server's loop."""
-
-    def state(self) -> dict[str, Any]:
-        """The present state: the content of the message `state` to the page."""
-
-    def mark(self, text: str) -> None:
-        """Write a mark into the journal."""
-
-    def note(self, text: str) -> None:
-        """Write a note into the journal."""
-
-    def abort(self) -> None:
-        """End the running trial as interrupted; nothing happens if none runs."""
+WatcherSaid = WatcherMark | WatcherNote | Abort
+_decoded: Final = partial(heard, decoder=msgspec.json.Decoder(WatcherSaid))
 
 
 class Watchers:
-    """The open pages of the experimenter. `changed` sends the state at once, after a change in the session."""
+    """The open pages of the experimenter; `changed` sends the state at once, after a change in the session.
 
-    def __init__(self, session: Watched) -> None:
-        self._session = session
+    `state` returns the content of the message `state`, and `take` is called with what a page says, both in the thread
+    of the server's loop.
+    """
+
+    def __init__(self, state: Callable[[], dict[str, Any]], take: Callable[[WatcherSaid], None]) -> None:
+        self._state, self._take = state, take
         self._boxes: set[Outbox] = set()
 
     def routes(self) -> list[BaseRoute]:
@@ -76,32 +66,22 @@ class Watchers:
 
     def changed(self) -> None:
         """Send the state to every page."""
-        for box in self._boxes:
-            box.put({"t": "state", **self._session.state()})
+        if self._boxes:
+            state = {"t": "state", **self._state()}
+            for box in self._boxes:
+                box.put(state)
 
     async def _connect(self, socket: WebSocket) -> None:
-        await socket.accept()
         box = Outbox(socket)
         self._boxes.add(box)
-        tasks = [asyncio.create_task(one) for one in (box.send(), self._tell(box))]
+        telling = asyncio.create_task(self._tell())
         try:
-            await listen(socket, self._take, _decoded)
+            await box.serve(self._take, _decoded)
         finally:
             self._boxes.discard(box)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            telling.cancel()
 
-    async def _tell(self, box: Outbox) -> None:
+    async def _tell(self) -> None:
         while True:
-            box.put({"t": "state", **self._session.state()})
+            self.changed()
             await asyncio.sleep(STATE_S)
-
-    def _take(self, said: WatcherMark | WatcherNote | Abort) -> None:
-        if isinstance(said, WatcherMark):
-            self._session.mark(said.text)
-        elif isinstance(said, WatcherNote):
-            self._session.note(said.text)
-        else:
-            self._session.abort()
-        self.changed()

@@ -81,13 +81,13 @@ def guessed(seed: int, people: int) -> Iterator[tuple[str, ParameterFigures | No
         yield one.name, one.figures, one.why, tried.value(at)
 
 
-@pytest.mark.parametrize("people", [2, 12])
+@pytest.mark.parametrize("people", [6, 12])
 def test_planted_parameters_are_within_their_intervals(people: int) -> None:
-    """With 95 % intervals at most 12 % of 200 may be missed; what nothing depends on is never told."""
+    """With 95 % intervals at most 8 % of 200 may be missed; what nothing depends on is never told."""
     of_all = [one for seed in range(25) for one in guessed(seed, people)]
     told = [(figures, true) for _, figures, _, true in of_all if figures is not None]
     assert len(told) > 0.4 * len(of_all)
-    assert np.mean([one.low <= true <= one.high for one, true in told]) > 0.88
+    assert np.mean([one.low <= true <= one.high for one, true in told]) > 0.92
     nothing = {why for name, figures, why, _ in of_all if name == "comply_traction_ratio" and figures is None}
     assert nothing == {"no statistic of these trials follows it"}
 
@@ -99,9 +99,9 @@ def of_braking(people: int, seeds: int) -> list[ParameterFigures]:
 
 def test_more_people_give_narrower_intervals() -> None:
     widths = {}
-    for people in (3, 48):
+    for people in (6, 48):
         widths[people] = np.mean([math.log(one.high / one.low) for one in of_braking(people, 10)])
-    assert widths[48] < 0.6 * widths[3]
+    assert widths[48] < 0.6 * widths[6]
 
 
 def test_the_spread_between_people_is_found() -> None:
@@ -127,9 +127,9 @@ def test_a_line_needs_enough_drivers_and_people_need_moments() -> None:
     values[LEAST_DRIVERS - 1 :] = np.nan
     assert line_of(0, values, places) == "the trials have too few such moments"
     drivers = [made_up(one, rng) for one in places]
-    people = [{name: value for name, value in made_up(USUAL, rng).items() if name != "stop"} for _ in range(5)]
+    people = [{name: value for name, value in made_up(USUAL, rng).items() if name != "stop"} for _ in range(6)]
     found = {one.name: one.why for one in fitted(people, drivers, places)}
-    assert found["stop_error_m"] == "most people have no such moments"
+    assert found["stop_error_m"] == "too few people have such moments"
     assert found["braking_mps2"] == ""
 
 
@@ -252,16 +252,18 @@ def test_a_study_without_recordings_and_unknown_people_are_refused(tmp_path: Pat
     (tmp_path / "study").mkdir()
     design = designed(tmp_path)
     freeze(design, tmp_path / "study")
-    rows = [f"{one.number},{one.participant}\n" for one in trials_of(design)[:4]]
+    rows = [f"{one.number},{one.participant}\n" for one in trials_of(design)[:24]]
     (tmp_path / "study" / "trials.csv").write_text("trial,participant\n" + "".join(rows))
     own = tmp_path / "design.toml"
     with pytest.raises(DasError, match="only recorded people can be fitted"):
         recorded(tmp_path / "study", own, [])
-    with pytest.raises(DasError, match="no finished trials of P02, expected at least one"):
-        recorded(tmp_path / "study", own, ["P01", "P02"])
+    with pytest.raises(DasError, match="no finished trials of P08, expected at least one"):
+        recorded(tmp_path / "study", own, ["P01", "P08"])
+    with pytest.raises(DasError, match="finished trials of 1 people, expected those of at least 6"):
+        recorded(tmp_path / "study", own, ["P01"])
     words = ["experiment", "fit", "study", "-o", "p.toml"]
     assert "; --design names the design's own file" in refusal(*words, cwd=tmp_path)
-    assert "expected P and 1 to 5 digits" in refusal(
+    assert "expected P1 to P99999, a pseudonym" in refusal(
         *words, "--design", "design.toml", "--participant", "7", cwd=tmp_path
     )
     (tmp_path / "study" / "trials.csv").write_text("trial\nx\n")
@@ -277,7 +279,7 @@ def test_a_study_without_recordings_and_unknown_people_are_refused(tmp_path: Pat
 
 @pytest.mark.nightly
 def test_planted_drivers_are_found_again(tmp_path: Path) -> None:
-    """Eight simulated people who react late, brake gently and move the controller in large steps."""
+    """Eight simulated people who react late and brake gently."""
     design = designed(tmp_path)
     people = []
     for who in range(1, 9):
@@ -287,7 +289,7 @@ def test_planted_drivers_are_found_again(tmp_path: Path) -> None:
     found = {one.name: one for one in fit(people, "planted", 80, Workers.asked(1, None)).parameters}
     draws = [load_population(design.people.population).draw(design.people.first + who) for who in range(8)]
     told = {name: one.figures for name, one in found.items() if one.figures is not None}
-    for name in ("reaction_median_s", "braking_mps2", "lever_least_ratio"):
+    for name in ("reaction_median_s", "braking_mps2"):
         true = math.exp(np.mean([math.log(one[name]) for one in draws]))
         assert told[name].low < true < told[name].high
     usual = HumanParameters()
@@ -298,16 +300,16 @@ def test_planted_drivers_are_found_again(tmp_path: Path) -> None:
 @pytest.mark.nightly
 def test_a_recorded_study_is_fitted_and_driven_again(tmp_path: Path) -> None:
     """From recordings over the bus, which give samples as drives in this process do, to a participant of the fit."""
-    text = DESIGN.replace("count = 8", "count = 2").replace("repetitions = 2", "repetitions = 1")
+    text = DESIGN.replace("count = 8", "count = 6").replace("repetitions = 2", "repetitions = 1")
     (tmp_path / "d.toml").write_text(text.replace('"planted.toml"', '"default"'))
     das_sim_json("experiment", "run", "d.toml", "-o", "study", "--recordings", "--workers", "1", cwd=tmp_path)
-    people = recorded(tmp_path / "study", None, ["P02"])
-    assert [[trial.who for trial in one.trials] for one in people] == [[2, 2]]
-    assert [*people[0].drives] == [drive_observed(one) for one in people[0].trials]
+    people = recorded(tmp_path / "study", None, [])
+    assert [[trial.who for trial in one.trials] for one in people] == [[who, who] for who in range(1, 7)]
+    assert [*people[1].drives] == [drive_observed(one) for one in people[1].trials]
     said = das_sim_json(
         "experiment", "fit", "study", "-o", "p.toml", "--drivers", "40", "--workers", "1", cwd=tmp_path
     )  # fmt: skip
-    assert (said["people"], said["drives"]) == (2, 4)
+    assert (said["people"], said["drives"]) == (6, 12)
     (tmp_path / "flat.toml").write_text(FLAT)
     run = ("run", "flat.toml", "--in-process", "--advice", "none", "--participant", "3", "--population", "p.toml")
     person = das_sim_json(*run, cwd=tmp_path)["drawn"]["human"]

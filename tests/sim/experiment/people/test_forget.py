@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, write_whole
+from sim.experiment.people import journal
 from sim.experiment.people.forget import forget
 from tests.support.making import das_sim, das_sim_json, refusal
 
@@ -136,11 +138,20 @@ def test_nothing_is_removed_from_an_altered_folder(study: Path, name: str, text:
     assert files_of(study) == before
 
 
-def test_nothing_is_removed_while_another_command_writes_the_tables(study: Path) -> None:
+def test_the_tables_are_waited_for_while_another_desk_writes_them(study: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = files_of(study)
-    with folder_held(study, "taken"), pytest.raises(DasError, match="another command is at work here"):
-        forget(study, "P07")
+    with folder_held(study, "taken"), monkeypatch.context() as patch:
+        patch.setattr(journal, "TAKEN_S", 0.05)
+        with pytest.raises(DasError, match="another command is at work here"):
+            forget(study, "P07")
     assert files_of(study) == before
+    with ThreadPoolExecutor() as pool:
+        with folder_held(study, "taken"):
+            removal = pool.submit(forget, study, "P07")
+            with pytest.raises(TimeoutError):
+                removal.result(0.3)
+            assert files_of(study) == before
+        assert removal.result(5).files == 4
 
 
 @pytest.mark.parametrize(
@@ -148,10 +159,10 @@ def test_nothing_is_removed_while_another_command_writes_the_tables(study: Path)
     [
         ("P08", "--participant P08: not in "),
         ("P08", "expected one of its people: P06, P07, P70"),
-        ("sub-07", "--participant sub-07: expected P and 1 to 5 digits, like P07"),
-        ("P0", "--participant P0: expected P and 1 to 5 digits"),
-        ("P000007", "--participant P000007: expected P and 1 to 5 digits"),
-        ("../P07", "--participant ../P07: expected P and 1 to 5 digits"),
+        ("sub-07", "--participant sub-07: expected P1 to P99999, a pseudonym"),
+        ("P0", "--participant P0: expected P1 to P99999"),
+        ("P000007", "--participant P000007: expected P1 to P99999"),
+        ("../P07", "--participant ../P07: expected P1 to P99999"),
     ],
 )
 def test_an_unknown_person_is_refused(study: Path, name: str, said: str) -> None:

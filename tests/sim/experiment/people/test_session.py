@@ -7,7 +7,7 @@ import csv
 import json
 import signal
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -16,6 +16,8 @@ import psutil
 import pytest
 
 pytest.importorskip("starlette", reason="the extra desk is not installed")
+
+from websockets.exceptions import ConnectionClosed
 
 from das.bus.recording import read_recording
 from das.bus.topics import MARK
@@ -26,6 +28,7 @@ from sim.experiment.analysis.comparing import read_study
 from sim.experiment.design import read_design
 from sim.experiment.people.journal import PersonJournal, read_journal
 from sim.experiment.people.session import Session, Sitting, _kept, _listening
+from sim.experiment.people.watching import WatcherNote
 from tests.support.desk_page import desk_command
 from tests.support.making import refusal
 from tests.support.people_study import Participant, session_of, study
@@ -100,6 +103,40 @@ def test_two_participants_at_two_desks_and_one_stops_in_a_questionnaire(tmp_path
     assert {row["participant"] for row in rows(tmp_path / "answers.csv")} == {"sub-01", "sub-02"}
 
 
+def test_a_journal_that_cannot_be_written_ends_the_session_and_nothing_shows_that_is_not_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(journal: PersonJournal, _line: bytes) -> None:
+        raise DasError(f"{journal.path}: cannot be written (No space left on device)")
+
+    def takes_part() -> None:
+        with session_of(study(tmp_path / "d"), tmp_path) as (address, _), Participant(address) as page:
+            consent = page.step("consent")
+            monkeypatch.setattr(PersonJournal, "append", full)
+            page.goes_on(consent)
+            with suppress(ConnectionClosed):
+                assert page.hear()["t"] != "step"
+
+    with pytest.raises(DasError, match="No space left"):
+        takes_part()
+    assert [one["what"] for one in journal(tmp_path)] == ["entered"]
+
+
+def test_an_altered_journal_and_a_cut_door_of_others_stop_nobody(tmp_path: Path) -> None:
+    for name, file in (("P01", "door.json"), ("P02", "session.jsonl")):
+        (tmp_path / "people" / name).mkdir(parents=True)
+        (tmp_path / "people" / name / file).write_text("{\n")
+    with (
+        session_of(study(tmp_path / "d"), tmp_path) as (address, watch),
+        Participant(address) as page,
+        Participant(watch, "/watching") as experimenter,
+    ):
+        page.goes_on(page.step("consent"), consent="no")
+        page.step("end")
+        others = experimenter.until(lambda one: one["t"] == "state" and one["step"] == "end")["others"]
+    assert {one["participant"]: one["state"] for one in others} == {"P01": "end", "P02": "the journal was altered"}
+
+
 def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> None:
     with session_of(study(tmp_path / "design"), tmp_path) as (address, _), Participant(address) as page:
         consent = page.step("consent")
@@ -133,7 +170,8 @@ def test_an_altered_journal_of_another_participant_and_a_full_disk(
         assert session.state()["others"][0]["state"] == "instructions"
         full = DasError("session.jsonl: cannot be written (No space left on device)")
         monkeypatch.setattr(journal, "add", Mock(side_effect=full))
-        session.note("He yawns.")
+        with pytest.raises(DasError, match="No space left"):
+            session.on_watch(WatcherNote(text="He yawns."))
         assert session.failed is full
         assert session.over.is_set()
 

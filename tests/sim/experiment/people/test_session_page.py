@@ -16,7 +16,8 @@ pytest.importorskip("starlette", reason="the extra desk is not installed")
 from das.bus import das_pb2
 from sim.desk.line import cab_fields, hello_of
 from sim.desk.messages import PageSettings
-from sim.experiment.people.forms import load_form
+from sim.experiment.people.forms import load_form, text_for
+from sim.experiment.people.watching import Abort, WatcherMark, WatcherNote
 from tests.support.desk_page import CONTRASTS, DeskPage, chromium, picture
 from tests.support.desk_server import TOKEN, Visitor, until
 from tests.support.making import flat, make_train
@@ -82,8 +83,8 @@ def step(kind: str, name: str = "", language: str = "en", **fields: Any) -> dict
 def form(name: str, language: str = "en", **fields: Any) -> dict[str, Any]:
     """The message of a bundled questionnaire."""
     one = load_form(name, Path())
-    intro = {"html": f"<p>{one.intro_for(language)}</p>"} if one.intro_for(language) else {}
-    shown = {"title": one.title_for(language), "items": one.items_for(language)} | intro
+    intro = {"html": f"<p>{text_for(one.intro, language)}</p>"} if one.intro else {}
+    shown = {"title": text_for(one.title, language), "items": [item.words(language) for item in one.items]} | intro
     return step("form", name, language, **(shown | fields))
 
 
@@ -321,6 +322,6 @@ def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(browser: 
     keys.press("a")
     page.page.click("#yes")
     until(lambda: len(session.asked) == 4, "the requests")
-    assert session.asked == [("mark", "4"), ("mark", "M"), ("note", "asks [why] 5 {m}"), ("abort", "")]
+    assert session.asked == [WatcherMark("4"), WatcherMark("M"), WatcherNote("asks [why] 5 {m}"), Abort()]
     assert faults(page) == []
     assert page.errors == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import resource
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,19 +18,18 @@ from das.domain.errors import DasError
 from sim.experiment.checking import check_design
 from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
 from sim.experiment.driving import WatchedDriver
-from sim.experiment.people.journal import PersonJournal, journals, read_journal, write_tables
+from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
 from sim.experiment.people.steps import (
     SessionStep,
     Standing,
     described,
-    participant_number,
     plan_of,
     standing,
     steps_of,
 )
-from sim.experiment.people.tasks import SideTask
 from sim.experiment.people.trial import longest_held_s
-from sim.experiment.people_plan import TASKS, Interrupted, PeoplePlan, bundled_forms
+from sim.experiment.people_plan import Interrupted, PeoplePlan, bundled_forms
+from sim.experiment.study_files import participant_number
 from tests.support.making import REPOSITORY
 from tests.support.people_study import study
 
@@ -131,10 +131,10 @@ def test_a_break_counts_from_when_it_was_first_shown(design: Design) -> None:
 
 
 @pytest.mark.parametrize("text", ["P0", "P5", "7", "p1", "P1x", "Anna", "P000001", ""])
-def test_a_participant_is_a_pseudonym_of_the_design(design: Design, text: str) -> None:
-    assert participant_number("P04", design) == participant_number("P4", design) == 4
+def test_a_participant_is_a_pseudonym_of_the_design(text: str) -> None:
+    assert participant_number("P04", 4) == participant_number("P4", 4) == 4
     with pytest.raises(DasError, match=f"--participant {text}: expected P1 to P4"):
-        participant_number(text, design)
+        participant_number(text, 4)
 
 
 @pytest.mark.parametrize(
@@ -172,8 +172,14 @@ def test_a_table_that_cannot_be_used_is_one_clear_error(tmp_path: Path, old: str
     assert expected in str(raised.value)
 
 
-def test_the_tasks_of_a_design_are_those_of_the_desk() -> None:
-    assert list(SideTask) == list(TASKS)
+@pytest.mark.parametrize("score", ["energy_kwh", "pedal_s", "tlx"])
+def test_a_score_does_not_replace_a_measure_or_another_score(tmp_path: Path, score: str) -> None:
+    path = study(tmp_path, ('after_trial = ["tlx"]', 'after_trial = ["tlx", "own.toml"]'))
+    own = bundled_forms()["kss"].read_text(encoding="utf-8")
+    assert own.count('name = "kss"') == 1
+    (tmp_path / "own.toml").write_text(own.replace('name = "kss"', f'name = "{score}"'), encoding="utf-8")
+    with pytest.raises(DasError, match=rf"own\.toml: scores\.name = '{score}': expected a name that no measure"):
+        check_design(read_design(path))
 
 
 def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
@@ -264,6 +270,39 @@ def test_a_journal_that_is_a_link_is_refused_and_nothing_is_cut(tmp_path: Path) 
     assert (tmp_path / "other").read_text() == "no line end"
 
 
+def test_a_line_that_does_not_fit_on_the_disk_is_an_error_and_leaves_no_part_of_it(tmp_path: Path) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with PersonJournal(tmp_path / "P01") as journal:
+        journal.add("consent", "entered")
+        resource.setrlimit(resource.RLIMIT_FSIZE, (journal.path.stat().st_size + 20, hard))
+        try:
+            with pytest.raises(DasError, match="cannot be written"):
+                journal.add("consent", "answered", item="consent", value="yes")
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        journal.add("consent", "left")
+        assert [one["what"] for one in journal.entries] == ["entered", "left"]
+    assert read_journal(journal.path)[0] == journal.entries
+
+
+def test_only_the_last_drive_of_a_trial_counts_with_its_tasks_and_probes(tmp_path: Path) -> None:
+    """The requests of a task are numbered from 1 in each drive."""
+    changes = [('"tlx"]\n[desk]', '"tlx", "kss", "pedal_missed"]\n[desk]'),
+               ("pace = 10", 'pace = 10\ntasks = ["pedal"]\nprobe = "kss"')]  # fmt: skip
+    design, out = read_design(study(tmp_path, *changes)), tmp_path / "out"
+    with PersonJournal(out / "people" / "P01") as journal:
+        for end, kss, pressed in (("driven", 2.0, True), ("interrupted", 9.0, True), ("driven", 4.0, False)):
+            journal.add("trial-1", "left", trial=1)
+            acts = [("shown", 0.0, 0.0), ("answered", 1500.0, 1000.0), ("gone", 6000.0, 0.0)]
+            for event, wall_ms, drawn_ms in acts if pressed else acts[::2]:
+                act = {"task": "pedal", "number": 1, "event": event, "wall_ms": wall_ms, "drawn_ms": drawn_ms}
+                journal.add("trial-1", "act", trial=1, **act)
+            journal.add("trial-1-probe-1", "left", trial=1, scores={"kss": kss})
+            journal.add("trial-1", end, trial=1, **({"measures": {}, "held_s": 1.0} if end == "driven" else {}))
+    write_tables(design, out)
+    assert (out / "trials.csv").read_text().splitlines()[1].endswith(",4.0,1.0")
+
+
 def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design: Design, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for who, energy in ((2, 30.0), (1, 20.0)):
@@ -275,7 +314,7 @@ def test_the_tables_have_the_last_drive_and_the_last_answers_of_everybody(design
                 journal.add("trial-2-tlx", "answered", trial=number, item="mental", value=value)
             journal.add("trial-2-tlx", "left", trial=number, scores={"tlx": 40.0})
             journal.add("after-sus", "left", scores={"sus": 70.0})
-    assert list(journals(out)) == [1, 2]
+    assert list(journal_files(out)) == [1, 2]
     write_tables(design, out)
     trials = (out / "trials.csv").read_text().splitlines()
     assert trials[0].endswith("seed,energy_kwh,running_time_s,stops_missed,tlx")

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from sim.desk.server import BAD, OF_WATCH, SHARED
-from sim.experiment.people.watching import LONGEST_NOTE
+from sim.experiment.people.watching import LONGEST_NOTE, Abort, WatcherMark, WatcherNote
 from tests.support.desk_server import TOKEN, Visitor, next_of, say, until
 from tests.support.scripted_session import WATCH_TOKEN, ScriptedSession, scripted_session
 
@@ -94,7 +94,7 @@ def test_the_experimenter_sees_the_state_at_changes_and_may_mark_note_and_abort(
             say(socket, kind, text=text)
         say(socket, "abort")
         until(lambda: len(session.asked) == 3, "the requests")
-    assert session.asked == [("mark", "3"), ("note", 'asked {twice} "why"'), ("abort", "")]
+    assert session.asked == [WatcherMark("3"), WatcherNote('asked {twice} "why"'), Abort()]
 
 
 @pytest.mark.parametrize(
