@@ -7,7 +7,6 @@ if the server is killed, the same command goes on at the same step.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import json
 import os
 import socket
@@ -468,7 +467,7 @@ def serve(sitting: Sitting, port: int, tell: Callable[[str, str], None]) -> None
 
 def _kept(path: Path) -> dict[str, Any]:
     """Port and tokens of the participant's last session; new ones if it ended, or the file was altered."""
-    with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
+    with suppress(OSError, ValueError, TypeError, KeyError):
         kept = json.loads(path.read_bytes())
         if type(kept["port"]) is int and all(isinstance(kept[key], str) for key in ("token", "watch_token")):
             return dict(kept)
