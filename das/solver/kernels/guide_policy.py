@@ -349,7 +349,7 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
 
 @compiled(**PART)
 def keep(span, leave, leave_young, here, j, m, stay, i):
-    """Limit the cost of staying in each instruction of a manner to the cost of leaving it; set the bits of `stay`."""
+    """Limit the cost of keeping each instruction of a manner to the cost of leaving it; set the bits of `stay`."""
     begin, end = np.uint64(span[0]), np.uint64(span[1])
     for w in range(stay.shape[4]):
         kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)
@@ -374,7 +374,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
     """Fill the policy for one price of time by a backward sweep from decision node `last` to `first`.
 
     Row 0 of moves and policy is node `first`. `ahead` are the costs at node `last` (lines, rows, ages, X), which are
-    overwritten. Returns those at node `first`.
+    overwritten. Returns the costs at node `first`.
     """
     choice, stay = policy
     n = grid.line.step_m.size
