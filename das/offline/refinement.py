@@ -33,7 +33,7 @@ CLOSED_RATIO: Final = 2e-4
 MOST_TRIALS: Final = 8
 """Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
-"""Largest earliness (s) of the refined trajectory against the given one; it is never later."""
+"""Largest earliness (s) of the refined trajectory against the given one; the refined one is never later."""
 MOST_BLENDS: Final = 20
 """Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
