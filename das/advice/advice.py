@@ -204,7 +204,7 @@ class Timetable:
 class Advice:
     """One advice message; fields, units and signs are those of the message in das.proto.
 
-    Mode NONE means that advice is withdrawn: `cause` is why, and `reason` explains it as a text. In mode DEPART the
+    Mode NONE means that advice is withdrawn: `cause` is the code of the cause, `reason` its text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and
     `next_mode`, `departure_speed_mps` and `departure_force_ratio` (a share of the available traction) say how to
     depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0. `replaced_parts` is the number

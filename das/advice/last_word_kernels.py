@@ -172,9 +172,9 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
 
 @kernel
 def keep_horizon(nodes, places, speeds, s, before, slack, kept):
-    """Fill in `kept`: the speeds of a horizon (1 s apart), those above their bound lowered to what is allowed there.
+    """Fill in `kept`: the speeds of a horizon (1 s apart), each lowered to what is allowed if it exceeds its bound.
 
-    A negative speed becomes 0. Returns the index of the first changed speed (-1 if none was), and its bound (m/s).
+    Both apply where the speed leads; a negative one becomes 0. Returns index (-1: none) and bound of the first changed.
     """
     first, first_bound = -1, -1.0
     for n in range(speeds.size):

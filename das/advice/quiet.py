@@ -108,7 +108,7 @@ class Quiet:
             samples.popleft()
 
     def _brakes(self, *, holds: bool) -> bool:
-        """Whether the driver's brake counts; if the advice `holds` a speed, a loss up to `HOLDS_MPS` does not."""
+        """Whether a brake that began `SETTLED_S` after advised ones counts; with `holds`, small losses do not."""
         began, now = self._began, self._samples[-1]
         if began is None or began.time_s < self._advised_s + SETTLED_S:
             return False

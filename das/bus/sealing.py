@@ -18,7 +18,7 @@ NUMBERED: Final = "numbered"
 RECORDING: Final = "recording"
 """The entry of a channel's metadata, and of each metadata record, that names the recording in which it was written.
 
-Programs that merge files copy this entry. It is the only entry of a channel, because `mcap merge` joins channels with
+Programs that merge files copy the entry. It is the only entry of a channel, because `mcap merge` joins channels with
 equal metadata and compares several entries in no fixed order.
 """
 

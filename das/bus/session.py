@@ -161,7 +161,7 @@ def check_endpoint(text: str) -> str:
 
 @dataclass(frozen=True)
 class Presence:
-    """The change that a session has begun to publish a topic (`there` is True), or no longer does."""
+    """A report that a session has begun to publish a topic (`there` is True), or no longer does."""
 
     topic: Topic
     source: str

@@ -47,7 +47,7 @@ TOKEN_AFTER_S = 2.0
 """Time (s) after the first message of a publisher; without a liveliness token by then it counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
-"""Silence (s) after which another publisher of measurements may take over; a position remains usable for this time."""
+"""Silence (s) after which another publisher of measurements may take over; a position remains usable just as long."""
 
 
 class Guard:

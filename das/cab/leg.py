@@ -28,7 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance (m) from its stop; a train that has stood farther before it draws forward to the stop without advice."""
+"""Distance (m) before its stop beyond which a train that has stood gets no advice until it has drawn forward."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Largest number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0

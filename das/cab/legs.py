@@ -151,7 +151,7 @@ class Legs:
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over mass, resistance and the like as measured; if no section could be driven with them, only report it.
+        """Take over changes relative to the files; only report them if the present or next leg would be impossible.
 
         Exception: if the brakes would not hold the train on a descent, the advice is withdrawn.
         """

@@ -18,7 +18,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""Difference (ns) from the clock; a journey is of another day if all of its times differ by more than this."""
+"""Difference (ns) from the clock; if all times of a journey differ by more, the journey is of another day."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:

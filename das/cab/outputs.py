@@ -158,7 +158,7 @@ class Reporting:
         self.add(Event(time_ns=now_ns, severity=severity, text=text))
 
     def may_report(self, now_ns: int) -> bool:
-        """Whether the report that a message was accepted may be sent now; the rest is dropped, to prevent floods."""
+        """Whether the report that a message was accepted may be sent now; too many such reports are dropped."""
         return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:

@@ -102,7 +102,7 @@ def kwh(energy_j: _Number) -> _Number:
 
 
 KWH_DIGITS: Final = 1
-"""Number of decimals of an energy in kWh, in all outputs for people; `finer` adds to this number."""
+"""Number of decimals of an energy in kWh, in all outputs for people; `finer` adds to the number."""
 
 
 def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:

@@ -113,7 +113,7 @@ class ProblemKind(StrEnum):
     SPEED_JUMPED = "speed-jumped"
     """The measured speed is too far from the expected one. The value is by how much it is higher (m/s)."""
     SPEED_UNIT = "speed-unit"
-    """The measured speeds differ by a wrong unit's factor from speeds by the positions. The value is that factor."""
+    """The measured speeds are those from the positions times the factor of a wrong unit. The value is that factor."""
     SPEED_UNCONFIRMED = "speed-unconfirmed"
     """The distance between the positions has not confirmed the measured speed yet. The value is that speed (m/s)."""
     JUMPED = "jumped"

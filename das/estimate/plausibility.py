@@ -16,7 +16,7 @@ from das.estimate.estimate import SPEED_LATE_S, Deviations, PositionFix, Problem
 from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed_variance
 
 BACKWARDS_MPS: Final = -0.3
-"""Speed (m/s) below which the sensor has a fault; a speed between this and 0 is noise of a standing train."""
+"""Speed (m/s) below which the sensor has a fault; a negative speed above it is noise of a standing train."""
 LARGEST_M: Final = 1e7
 """Largest position or stated uncertainty (m); no line is 10 000 km long, so a larger value is a sensor fault."""
 LARGEST_STATED_SD_M: Final = 200.0

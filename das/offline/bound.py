@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 LEAST_FORCE_N: Final = 0.1
 """Force (N) that the relaxation allows a train without motors or electric brake: the set of allowed forces then has an
-interior, as the method requires, and over 10 km this force yields only 0.0003 kWh."""
+interior, as the method requires, and over 10 km such a force yields only 0.0003 kWh."""
 LEAST_POWER_W: Final = 1.0
 """The least power (W) of motors and of the electric brake, for the same reason."""
 LEAST_START_SHARE: Final = 0.05

@@ -60,8 +60,8 @@ class PricedTimeline:
     def certificate(self, runs: Sequence[Trajectory]) -> Certificate:
         """The certificate of a journey whose sections are driven by `runs`.
 
-        The bound is the least energy + price·time of every section, minus the prices times the longest times that the
-        windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
+        The bound is the least of energy + price·time of every section, minus the prices times the longest times that
+        the windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
         """
         allowed_s = self._allowed_s
         if not np.isfinite(self.price_w).all():

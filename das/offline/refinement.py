@@ -63,7 +63,7 @@ class RefinementSettings:
     most_rounds: int = 3
     """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Largest saving (share of energy) that a price between those of two trajectories may offer if both are blended."""
+    """Largest share of the energy that a price between those of two trajectories may save if they are to be blended."""
 
 
 SETTINGS: Final = RefinementSettings()

@@ -11,9 +11,9 @@ USUAL_APART_M: Final = 1000.0
 """Usual distance (m) between changes of limit or gradient. With a distance d between changes, the steps are multiplied
 by the cube root of (d / `USUAL_APART_M`), because closely spaced changes require more switches."""
 DENSE_FACTOR: Final = 0.3
-"""Least factor on the decision steps, where the line changes often."""
+"""Least factor on the length of decision steps: where the line changes often."""
 SPARSE_FACTOR: Final = 1.5
-"""Largest factor on the decision steps, where the line changes rarely."""
+"""Largest factor on the length of decision steps: where the line changes rarely."""
 STEEP_CHANGE_RATIO: Final = 0.01
 """Least difference of gradients that counts as a change; it changes the acceleration by 0.1 m/s²."""
 MAX_STEP_M: Final = 150.0

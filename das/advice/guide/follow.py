@@ -53,7 +53,7 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; an earlier step only if the train proves to be far before the last one."""
+    """The memory at the step in force here; a step before the remembered one only if the train is far before that."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
