@@ -4,8 +4,8 @@ Numba keeps compiled code on disk, but it checks only the file of a kernel to te
 kernel also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the
 folder with a module's compiled code is named by a hash of that module and of all our modules that it imports.
 
-Of a cold `solve` of 40 s (numba 0.68, two cores, 23 November 2026) each part saves: no wrappers for C, and loops in
-place of assignments to slices, 9 s; parts 11 s; a process beside this one, which the claims serve, 8 s.
+Savings in a cold `solve` of 40 s (numba 0.68, two cores, 23 November 2026): no wrappers for C, and loops in place of
+assignments to slices, 9 s; parts, 11 s; a second process, with which the claims share the work, 8 s.
 """
 
 from __future__ import annotations
@@ -129,9 +129,9 @@ class _WholeCompiler(_NumbaCompiler):  # type: ignore[misc]
 
 
 class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
-    """A compiled function. Python calls the whole of it, kernels call parts; both are compiled when first needed.
+    """A compiled function. Python calls it as a whole, kernels call it as a part; both are compiled when first needed.
 
-    Kernels never call a whole, even if there is one, so that the order of calls cannot change what is compiled.
+    Kernels never call a whole, even if it exists, so that the order of calls cannot change what is compiled.
     """
 
     _compiler: Any
@@ -196,7 +196,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for the types `sig`; None if it was never compiled.
 
-        If another process is compiling the function, this waits for its code. If None, this process must compile it.
+        If another process is compiling the function, the call waits. After None, this process must compile it.
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():

@@ -32,7 +32,7 @@ from das.solver.solution import Fit
 
 SCHEMA_VERSION: Final = 4
 MOST_BYTES: Final = 20_000_000
-"""Largest table that is read (bytes); the table of a section of 30 km has about 0.2 MB."""
+"""Size (bytes) of the largest table that is read; the table of a section of 30 km has about 0.2 MB."""
 LARGEST_NUMBER: Final = 1e300
 LARGEST_MPS: Final = 200.0
 SEAL: Final = "sha256"
@@ -156,7 +156,7 @@ def table_content(facts: Mapping[str, Any], key: str, found: Mapping[str, Any], 
 
 
 def seal_of(body: Mapping[str, Any]) -> str:
-    """SHA-256 of what a table holds, except the seal itself."""
+    """SHA-256 of the content of a table, except the seal itself."""
     unsealed = {key: value for key, value in body.items() if key != SEAL}
     return hashlib.sha256(json.dumps(unsealed, sort_keys=True).encode()).hexdigest()
 
@@ -227,7 +227,7 @@ SOLVED_BY: Final = (
 _KEPT_BITS = 20
 """Significant bits of a number in a key (six digits): the last bits of computed arrays differ between processors."""
 _NAME_LENGTH = 48
-"""Longest part of a table's name that comes from one input."""
+"""Largest number of characters in a table's name that come from one input."""
 
 
 def facts_of(

@@ -46,7 +46,7 @@ class Cause(IntEnum):
     OUTSIDE_SECTION = 14
     """The train is not on the section."""
     MOVING_UP = 15
-    """The train moves up to the stop where the section begins."""
+    """The train draws forward to the stop where the section begins."""
     PAST_STOP = 16
     """The train has run past its stop."""
     NO_PLAN = 17
@@ -60,7 +60,7 @@ class Cause(IntEnum):
 
     @property
     def is_quiet(self) -> bool:
-        """Whether advice continues unseen: nothing is wrong, but the driver has reasons unknown to the advice."""
+        """Whether advice continues without being shown, because the driver has reasons unknown to the advice."""
         return self in (Cause.STANDS_ON_LINE, Cause.DRIVER_BRAKES)
 
     @property
@@ -90,7 +90,7 @@ class Withdrawal:
     text: str = ""
     """Additional text: why a journey or section was refused, an error message, or the names of two publishers."""
     problem: Problem | None = None
-    """Fault of the position; None if the position is not the cause."""
+    """Problem of the position; None if the position is not the cause."""
     position_m: float = 0.0
     """The train's position (m); for `PAST_STOP`, how far it has run past its stop (m)."""
     section_m: tuple[float, float] = (0.0, 0.0)
@@ -103,7 +103,7 @@ class ReplanCause(IntEnum):
     NONE = 0
     """There is no reference."""
     START = 1
-    """There was no reference before: a section begins, the train departs, or advice is given again after a pause."""
+    """There was no reference before: a section begins, the train departs, or advice resumes after a pause."""
     GOAL = 2
     """The wanted arrival has changed."""
     LINE = 3
@@ -117,7 +117,7 @@ class ReplanCause(IntEnum):
     ENERGY = 7
     """The previous reference would need more energy than a new one."""
     LOST = 8
-    """The previous reference cannot be kept from the train's state."""
+    """The train cannot follow the previous reference from its state."""
 
     @property
     def label(self) -> str:
@@ -157,11 +157,11 @@ class Replan:
 class Guidance:
     """The present and the next instructions, with a reason if the present instruction does not make it obvious.
 
-    `target_m` and `target_s` are the distance and time to the place where the speed of `now` is reached, or is no
-    longer held. `force_n` is the wheel force of `now` at the present speed. `reference_force_n` is the force that keeps
-    the reference here; while braking, `force_n` differs from it because the effort shown is rounded up. `lever_ratio`
-    is the effort of `now` on the controller's scale (−1 … 1); NaN where none is shown: for a speed to hold, and to
-    brake by eye.
+    `target_m` and `target_s` are the distance and time to the place where the speed of `now` is reached, or where
+    holding it ends. `force_n` is the wheel force of `now` at the present speed. `reference_force_n` is the force that
+    keeps the reference here; while braking, `force_n` differs from it because the effort shown is rounded up.
+    `lever_ratio` is the effort of `now` on the controller's scale (−1 … 1); NaN if no effort is shown: for a speed to
+    hold, and to brake by eye.
     """
 
     now: Instruction
@@ -204,11 +204,11 @@ class Timetable:
 class Advice:
     """One advice message; fields, units and signs are those of the message in das.proto.
 
-    Mode NONE means that advice is withdrawn: `cause` says why, and `reason` has it as a text. In mode DEPART the
+    Mode NONE means that advice is withdrawn: `cause` is the code of the cause, `reason` its text. In mode DEPART the
     driver waits until the train is cleared: advised speed, force and horizon are those of a standing train, and
     `next_mode`, `departure_speed_mps` and `departure_force_ratio` (a share of the available traction) say how to
-    depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0. `replaced_parts` counts what
-    the last word replaced.
+    depart. In every other mode `departure_speed_mps` and `departure_force_ratio` are 0. `replaced_parts` is the number
+    of parts that the last word replaced.
     """
 
     time_ns: int

@@ -40,7 +40,7 @@ BRAKED_MORE = 1.1
 AT_MARK_M = 10.0
 """Distance (m) from a stop at which the driver sees the mark, however uncertain the position is."""
 ALIKE = 0.9
-"""Share of the largest needed effort; places that need at least so much count as equally demanding."""
+"""Share of the largest needed effort; places that need at least so much count as equally urgent."""
 RIVALS = 0.8
 """Share of the largest deceleration needed, with the brake built up, above which an effort is computed."""
 
@@ -78,7 +78,7 @@ class BrakingAhead:
         _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
         brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        # For an announced brake, the same effort is requested every second.
+        # While a brake is announced, the same effort is computed every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
         """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
         largest if none is enough."""
@@ -109,7 +109,7 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) where a train meets a braking curve, or the end; its speeds are reduced by the excess here."""
+        """The place (m) where a train meets a braking curve, or the end; the speeds are reduced by the excess here."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
@@ -188,7 +188,7 @@ class BrakingAhead:
         )
 
     def largest(self, s_m: float, v_mps: float) -> float:
-        """The joint effort of all brakes available here at a speed; 0 if there is none."""
+        """The effort of all brakes available here together, at a speed; 0 if there are none."""
         v = max(v_mps, 0.1)
         full_n = float(kernels.full_effort(v, self._train))
         return _most_n(self.section, self._train, _interval(self.section, s_m), v) / full_n if full_n > 0.0 else 0.0

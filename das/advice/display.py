@@ -25,7 +25,7 @@ from das.solver.state import least_time_s
 VALID_FOR_S: Final = 3.0
 """Time (s) for which advice is valid."""
 HORIZON_S: Final = 30
-"""Seconds that advice looks ahead, in steps of 1 s."""
+"""Length (s) of the horizon of advice, in steps of 1 s."""
 MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0

@@ -13,13 +13,13 @@ from das.domain.units import NS
 LONGEST_RATIO: Final = 2.5
 """Longest plan as a multiple of the least time from its state: with more time left, the train waits at the stop."""
 AT_END_M: Final = 1.0
-"""Last distance (m) before the end of the section, over which nothing is planned: the train is to stop."""
+"""Last distance (m) before the end of the section, over which no plan is made: the train is to stop."""
 AT_STOP_M: Final = 50.0
-"""Distance (m) within which a standing train is at a stop; a train further beyond has run past it."""
+"""Distance (m) from a stop within which a standing train is at it; a train further beyond has run past it."""
 OVERSPEED_MPS: Final = 0.5
 """Largest excess (m/s) over the allowed speed without a warning that the train is too fast."""
 OVERSPEED_ENDS_MPS: Final = 0.15
-"""Excess over the allowed speed (m/s) down to which a train that was too fast is still called too fast."""
+"""Excess over the allowed speed (m/s) down to which a warning that the train is too fast remains."""
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5

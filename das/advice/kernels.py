@@ -12,7 +12,7 @@ from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistan
 def interval(nodes, x):
     """Index of the interval between nodes that contains x (x before the nodes: the first; beyond them: the last).
 
-    It is written out because numba's `searchsorted` would load numba's linear algebra and with it scipy.
+    The search is written out because numba's `searchsorted` would load numba's linear algebra and with it scipy.
     """
     low, high = 0, nodes.size - 1
     while high - low > 1:
@@ -66,7 +66,7 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 def without_ripples(modes, v, cruise, rolling, band):
     """Modes per interval; a stretch between two stretches of `cruise` becomes `cruise` as well if it hardly differs.
 
-    It hardly differs if its speeds stay within `band` (m/s) of each other and only the two modes `rolling` occur in it.
+    Hardly: the speeds stay within `band` (m/s) of each other, and only the two modes `rolling` occur in the stretch.
     """
     result = modes.copy()
     after = -1  # where the last stretch of cruising ended
@@ -144,7 +144,7 @@ def _braked_w(effort, w0, h, g, q, p, here):
 
 @kernel
 def left_over_w(effort, s, v, first, last, to_m, nodes, line, p):
-    """v² (m²/s²) that is left at `to_m` if a train at s with speed v brakes with an effort from s on.
+    """v² (m²/s²) that is left at `to_m` if a train with speed v at s brakes from there with an effort.
 
     `first` and `last` are the intervals of s and of `to_m`. A result below 0 means that the train stops before `to_m`:
     v² is extrapolated beyond the stop.

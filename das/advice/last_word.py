@@ -2,7 +2,7 @@
 
 The rule: a driver who does what is shown until the advice expires, and then brakes fully, wherever the train may be,
 exceeds no limit by more than `LIMIT_TOLERANCE_MPS` and passes no stop by more than `STOP_TOLERANCE_M`. The model of
-line and train is its own: it shares no code with the solver, so that an error there is not repeated here.
+line and train shares no code with the solver, so that an error in the solver is not repeated here.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ BEYOND_TOP_MPS = 20.0
 BEHIND_M = 100.0
 """Distance before the section (m) at which the model begins: a train about to depart may still stand there."""
 SDS_AHEAD = 2.0
-"""Standard deviations by which the train is assumed to be ahead of its estimated position."""
+"""Number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 BY_EYE_M = 10.0
 """Distance (m) from which the driver sees the mark: nearer to it, the estimated position counts."""
 HELD_ABOVE_MPS = 1.0
-"""Largest excess (m/s) over the allowed speed at which the advice may be to hold a lower speed and not to brake."""
+"""Largest excess (m/s) over the allowed speed at which advice to hold a lower speed, not to brake, is safe."""
 BACK_IN_S = 5.0
 """Time (s) in which strong enough braking brings a train back under a limit."""
 FULL_RATIO = 0.97
-"""Share of the full braking force above which braking counts as full: no stronger braking can be required."""
+"""Share of the full braking force from which braking counts as full: no stronger braking can be required."""
 FORCE_RATIO = 1.02
 """Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0
@@ -191,7 +191,7 @@ class _Judgement:
         )
 
     def _reason(self, needed: Needed) -> Reason:
-        """Why the train must brake: it is too fast already, or for the limit or the stop that needs it."""
+        """Why the train must brake: it is too fast already, or the limit or stop that it must brake for."""
         if needed.at_m >= self._model.end_m:
             return Reason(code=ReasonCode.STOP, stop=self._model.end_stop)
         if needed.speed_mps < self._model.limit_mps(self._ahead_m):
@@ -212,7 +212,7 @@ class _Judgement:
             self._replace(Act(Part.LIMIT, advice.limit_mps, limit_mps, instead_mps), limit_mps=instead_mps)
 
     def _judge_horizon(self) -> None:
-        """Lower each speed of the horizon that is above what is allowed at the place it leads to."""
+        """Lower each speed of the horizon that is above its bound to what is allowed at the place it leads to."""
         advice, (nodes_m, places, _) = self._advice, self._model.line
         speeds = np.array(advice.horizon_speed_mps, dtype=float)
         kept = np.empty(len(speeds))
@@ -337,7 +337,7 @@ class _Judgement:
                 first = first or Act(Part.GUIDE_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # The instructions after it no longer apply.
             at_m = self._told_from_m + one.way_m
-            # A speed to reach or to hold applies where it begins; a speed to coast or brake to, at the end of that.
+            # A speed to reach or to hold applies where the instruction begins; one to coast or brake to, at its end.
             ends = k + 1 < len(guide.following) and one.mode in (*BRAKES, Regime.COAST)
             to_m = self._told_from_m + guide.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
@@ -458,7 +458,7 @@ def _finite(*values: float) -> bool:
 
 
 class BrakingBasis(NamedTuple):
-    """The inputs of the highest speeds: line, train, brakes, restrictions, conditions, and the ends of the section."""
+    """The inputs of the braking model: line, train, brakes, restrictions, conditions, and the ends of the section."""
 
     route: Route
     vehicle: Vehicle
@@ -483,7 +483,7 @@ class BrakingModel:
 
     The train uses the brakes of its policy, without the electric brake where the line does not accept its power. Where
     mass or resistance were measured, the model is cautious: the train is never lighter, and never has more resistance,
-    than its file says. Gradients and curves are averaged over the length of the train.
+    than in its file. Gradients and curves are averaged over the length of the train.
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
@@ -620,8 +620,8 @@ def _line_mps2(basis: BrakingBasis, nodes_m: Floats, length_m: float) -> Floats:
 
 class Doing(NamedTuple):
     """The driver's action until a time (s): to apply a wheel force (N) in order to reach a speed (m/s). `holds`: then
-    to hold the speed, with whatever force that takes. `of_n` > 0: the braking force is a share of the electric brake,
-    whose force (N) at the start this is, and grows with it as the train slows down; 0: it is constant.
+    to hold the speed, with whatever force that takes. `of_n` is the force (N) of the electric brake at the start; if it
+    is > 0, the braking force grows in proportion to that brake as the train slows down; if 0, it is constant.
     """
 
     until_s: float

@@ -1,9 +1,9 @@
 """Numba kernels of the last word: the curve of full braking, and the motion of a driver who follows what is shown.
 
 The braking model is three arrays and two numbers. `nodes` are the positions (m) that bound the intervals of the line.
-`places` has one column for each interval; its rows are named from `LIMIT` to `BOUND`. `forces` has one column for each
-speed i / `STEPS_PER_MPS` (m/s); its rows are named from `TRACTION` to `RUNNING`. The numbers are the train's inertial
-mass (kg) and `most`, its largest deceleration (m/s²).
+`places` has one column for each interval and the rows `LIMIT` to `BOUND`. `forces` has one column for each speed
+i / `STEPS_PER_MPS` (m/s) and the rows `TRACTION` to `RUNNING`. The numbers are the train's inertial mass (kg) and
+`most`, its largest deceleration (m/s²).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from das.compiling import kernel
 STEPS_PER_MPS = 10.0
 """Speeds per m/s at which forces are tabulated."""
 STEP_S = 0.5
-"""Length (s) of the steps in which the movement of the train is followed."""
+"""Time step (s) of the simulated motion of the train."""
 
 LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
 """Rows of `places`: the limit over the train (m/s), the deceleration by gradient and curves (m/s²), and whether the
@@ -82,7 +82,7 @@ def planned_brake(nodes, places, forces, mass, most, s, v):
 
 @kernel
 def fill_curve(nodes, places, forces, mass, most, row):
-    """Fill in the curve `ALLOWED` or `BOUND`: the highest speeds from which full braking keeps its third row's speeds.
+    """Fill in the curve `ALLOWED` or `BOUND`: the highest speeds from which full braking obeys the curve's third row.
 
     The curve is computed backwards from the last node, where the train stands. Over a step of length h, v² grows by 2·h
     times the mean deceleration of its two ends (Heun).
@@ -112,7 +112,7 @@ def _deceleration(places, forces, mass, most, i, w):
 
 @kernel
 def asked(forces, doing, v):
-    """The force (N) of an instruction at a speed; a braking force may grow with the force of the electric brake."""
+    """The force (N) of an instruction at a speed; a braking force may be scaled with the electric brake."""
     grows = doing[1] < 0.0 and doing[4] > 0.0
     return doing[1] * force_at(forces, ELECTRIC, v) / doing[4] if grows else doing[1]
 
@@ -137,16 +137,16 @@ def after_step(nodes, places, forces, mass, doing, s, v):
 
 @kernel
 def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, tuned):
-    """The first speed above its bound (m/s) that the train reaches if the driver follows `doings`, and that bound.
+    """The first speed (m/s) above the bound at its place if the driver follows `doings`, and that bound (m/s).
 
     Returns -1, -1 if there is none between the times `since` and `lasts` (s). A row of `doings` holds the time until
     which it applies (s), a wheel force (N), the speed to reach with it (m/s), whether to hold that speed (1 or 0), and
-    the electric brake at its beginning (N); if the last is above 0, a braking force grows as the electric brake does.
+    the electric brake at its beginning (N); if that is above 0, a braking force is scaled with the electric brake.
 
-    A train that is already too fast is not counted if the instruction corrects that: by the share `full_ratio` of full
-    braking; by holding a permitted speed, if the train exceeds what is allowed by at most `held_above` (m/s); or, if
-    only the limit here is exceeded, by braking back under it in the time `back_in` (s). A train slower than `stopped`
-    (m/s) is not counted either. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
+    A train above its bound is not counted if the instruction corrects that. Holding a speed up to the bound suffices
+    if the train exceeds what is allowed by at most `held_above` (m/s). Otherwise the share `full_ratio` of full braking
+    suffices or, where the limit itself is what is allowed, slowing down to it within `back_in` (s); and trains slower
+    than `stopped` (m/s) are not counted. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
     """
     k, (full_ratio, held_above, stopped, back_in) = 0, tuned
     for step in range(math.ceil(lasts / STEP_S) + 1):
@@ -172,9 +172,9 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
 
 @kernel
 def keep_horizon(nodes, places, speeds, s, before, slack, kept):
-    """Fill in `kept`: the speeds of a horizon (1 s apart), each lowered to what is allowed at the place it leads to.
+    """Fill in `kept`: the speeds of a horizon (1 s apart), each lowered to what is allowed if it exceeds its bound.
 
-    Returns the index of the first speed that was changed (-1 if none was), and its bound (m/s).
+    Both apply where the speed leads; a negative one becomes 0. Returns index (-1: none) and bound of the first changed.
     """
     first, first_bound = -1, -1.0
     for n in range(speeds.size):

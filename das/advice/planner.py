@@ -39,7 +39,7 @@ LONGEST_AGE_S: Final = 60.0
 TOLERANCE_S: Final = 0.2
 """Largest difference (s) between a plan's arrival and the wanted one."""
 BRAKED_EARLY_S: Final = 5.0
-"""Least time (s) saved for which the advice to a driver who braked early for a limit or stop is to speed up."""
+"""Least saving of time (s) for which a driver who braked early for a limit or stop is advised to speed up again."""
 BRAKING_AHEAD_MPS2: Final = 0.25
 """Needed deceleration (m/s²) that shows that the train already brakes for a limit or stop ahead."""
 SLOWER_THAN_PLANNED_MPS: Final = 1.0
@@ -87,11 +87,11 @@ class Planner:
 
     @property
     def last_plan(self) -> Plan | None:
-        """The plan behind the last advice, made under this basis or the one before it."""
+        """The plan behind the last advice, made on the present basis or on the previous one."""
         return self.plan or self.basis.before
 
     def forget(self) -> None:
-        """Drop the plan, because it no longer holds."""
+        """Drop the plan, because it no longer applies."""
         self.plan = None
 
     def plan_for(self, state: TrainState, goal: Goal, reference: Scheduled | None = None) -> Plan:

@@ -17,17 +17,17 @@ from das.solver.section import Section
 BRAKES_MPS2: Final = 0.2
 """Deceleration (m/s²), in addition to gradient and resistance, that shows that a driver brakes."""
 BRAKES_S: Final = 3.0
-"""Time (s) for which that deceleration, the mean since the brake began, must last."""
+"""Least duration (s) of a brake; its mean deceleration since it began is compared with `BRAKES_MPS2`."""
 STEADY_RATIO: Final = 0.5
-"""Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump of speed lasts only one."""
+"""Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump in the speed lasts only one."""
 HOLDS_MPS: Final = 5.0 * KMH
 """Largest loss of speed (m/s) that is a correction; a larger one contradicts an instruction to hold a speed."""
 RELEASED_MPS2: Final = 0.1
 """Deceleration (m/s²), in addition to gradient and resistance, up to which the brake counts as released."""
 RELEASED_S: Final = 2.0
-"""Time (s) over which that deceleration is averaged, so that the noise of the speed does not count."""
+"""Time (s) over which the deceleration for `RELEASED_MPS2` is averaged, to suppress the noise of the speed."""
 SETTLED_S: Final = 5.0
-"""Time (s) after an advised brake in which braking does not count: drivers react and brakes release late."""
+"""Time (s) after an advised brake in which braking does not count: drivers react late and brakes release late."""
 BRAKES_AHEAD_S: Final = 20.0
 """Time (s) by which a driver may brake before an announced brake without acting against the advice."""
 SAMPLED_S: Final = 0.75
@@ -35,7 +35,7 @@ SAMPLED_S: Final = 0.75
 ROUNDING_S: Final = 0.25
 """Largest earliness (s) of advice messages, which are due once a second."""
 SLOWING: Final = frozenset({*BRAKES, Regime.COAST})
-"""Modes of instructions that are always shown: a driver who brakes does not act against them."""
+"""Modes of instructions that are shown even to a driver who brakes, because braking does not contradict them."""
 
 
 class _Sample(NamedTuple):
@@ -63,7 +63,7 @@ class Quiet:
         """Time of the last advice to brake (s)."""
 
     def forget(self) -> None:
-        """Forget the driver's actions so far."""
+        """Discard the samples, the brake that was detected, and the last advised brake."""
         self._samples.clear()
         self._began, self._against, self._advised_s = None, False, -math.inf
 
@@ -108,7 +108,7 @@ class Quiet:
             samples.popleft()
 
     def _brakes(self, *, holds: bool) -> bool:
-        """Whether the driver brakes, and began after an advised brake; one who `holds` a speed may brake a little."""
+        """Whether a brake that began `SETTLED_S` after advised ones counts; with `holds`, small losses do not."""
         began, now = self._began, self._samples[-1]
         if began is None or began.time_s < self._advised_s + SETTLED_S:
             return False
@@ -121,7 +121,7 @@ class Quiet:
         return first is not last and first.braked_mps2(last) <= RELEASED_MPS2
 
     def _brakes_soon(self, advice: Advice) -> bool:
-        """Whether the advice itself announces a brake for soon, which the driver may begin early."""
+        """Whether the advice itself announces a brake within `BRAKES_AHEAD_S`, which the driver may begin early."""
         following = () if advice.guide is None else advice.guide.following
         announced = [(advice.next_mode, advice.next_change_s), *((one.mode, one.in_s) for one in following)]
         return any(mode in BRAKES and in_s <= BRAKES_AHEAD_S for mode, in_s in announced)

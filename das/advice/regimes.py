@@ -46,14 +46,14 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
 }
 """The kind of each mode that is an instruction for a moving train."""
 FULL_RATIO: Final = 0.97
-"""Share of the largest effort from which an effort that the guide shows counts as full."""
+"""Share of the largest effort from which an effort shown by the guide counts as full."""
 
 ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
 """Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""
 
 
 def departure_regime(effort_ratio: float) -> Regime:
-    """The mode of a departure with a share of the largest traction (NaN: the traction that holding a speed needs)."""
+    """The mode of a departure with a share of the largest traction (NaN: the traction needed to hold a speed)."""
     if math.isnan(effort_ratio):
         return Regime.CRUISE
     return Regime.FULL_TRACTION if effort_ratio >= FULL_RATIO else Regime.REDUCED_TRACTION

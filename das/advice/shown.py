@@ -51,8 +51,8 @@ def lever_ratio(force_n: float, largest_n: tuple[float, float]) -> float:
 def as_read(guidance: Guidance, largest_n: tuple[float, float], *, sees_mark: bool = False) -> Guidance:
     """The guide's advice as a driver reads it: rounded speeds, and the effort of the instruction.
 
-    An acceleration keeps its effort up to its speed. A speed to hold has none, nor has the end of a brake for a stop if
-    the driver `sees_mark`. `largest_n` are the forces (N) that traction and both brakes can give at the train's speed.
+    An acceleration keeps its effort up to its speed. A speed to hold has no effort, nor has the end of a brake for a
+    stop if the driver `sees_mark`. `largest_n` are the largest forces (N) of traction and both brakes at this speed.
     """
     now = guidance.now
     by_eye = sees_mark and now.mode in BRAKES and step_below(now.speed_mps) == 0.0

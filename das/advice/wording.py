@@ -1,4 +1,4 @@
-"""The words of advice in the languages of drivers. Programs read codes, causes and modes, never these words.
+"""The texts of the advice in the drivers' languages. Programs read codes, causes and modes, never these texts.
 
 The text of a withdrawal is in English only: the cab then shows nothing, and the text is for logs.
 """
@@ -58,11 +58,11 @@ _UNITS: Final = {
     1000.0: "send speeds in m/s, not mm/s, and positions in m, not km",
     0.001: "send speeds in m/s, not km/s, and positions in m, not mm",
 }
-"""Remedies for speeds that are too high by a factor."""
+"""Remedies for speeds that are wrong by a factor."""
 
 
 def problem(what: Problem) -> str:
-    """The text that names the fault of a position."""
+    """The text that describes a problem of the position or the speed."""
     kind, value = what
     texts = {
         ProblemKind.NO_POSITION: "no position yet",
@@ -96,15 +96,15 @@ class Language(StrEnum):
 
 
 ARRIVAL_STEP_S: Final = 5.0
-"""Step (s) in which the arrival next to a reason is given, so that the words do not change every second."""
+"""Step (s) of the lateness at arrival that is added to a reason, so that the words do not change every second."""
 
 
 class _Words(NamedTuple):
-    """The words of a language. `late`, `early`, `arrives_late` and `arrives_early` are about `seconds`.
+    """The words of a language. `late`, `early`, `arrives_late` and `arrives_early` are templates with `{seconds}`.
 
-    The templates of `reasons` may name the limit or speed (`kmh`), the place (`km`), the time of day (`clock`), how
-    late the train is (`deviation`), the stop with its preposition (`at_stop`), and the `text` of a reason, in brackets
-    as `because`.
+    The templates of `reasons` may contain the limit or speed (`kmh`), the place (`km`), the time of day (`clock`), how
+    late the train is (`deviation`), the stop with its preposition (`at_stop`), and the reason's own `text`, or
+    `because`: the same text in brackets.
     """
 
     modes: Mapping[Regime, str]
@@ -241,7 +241,7 @@ _WITH_ARRIVAL: Final = frozenset({
     *(ReasonCode.LIMIT, ReasonCode.RESTRICTION, ReasonCode.STOP, ReasonCode.ARRIVAL),
     *(ReasonCode.POINT_EARLIEST, ReasonCode.POINT_MISSED),
 })  # fmt: skip
-"""Reasons after which the arrival is given, if it is known."""
+"""Reasons to which the lateness at arrival is added, if it is known."""
 
 
 def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) -> str:
@@ -277,7 +277,7 @@ def deviation(late_s: float, language: Language = Language.EN) -> str:
 
 
 def lateness(language: Language = Language.EN) -> dict[str, str]:
-    """The words of `deviation` for a display that writes the time itself; "{seconds} s" stands for it."""
+    """The words of `deviation` for a display that inserts the time itself in place of "{seconds} s"."""
     said = _WORDS[language]
     return {"on_time": said.on_time, "late": said.late, "early": said.early}
 
@@ -294,7 +294,7 @@ def instruction_words(mode: Regime, language: Language = Language.EN) -> str:
 
 
 def words_before_speed(mode: Regime, language: Language = Language.EN) -> str:
-    """The words before the speed of an instruction on a display of the guide: a train coasts until it has its speed."""
+    """The words before the speed of an instruction on a display of the guide; those for coasting end with "until"."""
     verb = instruction_words(mode, language)
     return f"{verb} {_WORDS[language].until}" if mode is Regime.COAST else verb
 

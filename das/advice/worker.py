@@ -12,8 +12,8 @@ T = TypeVar("T")
 class Worker:
     """Executes one piece of work after the other.
 
-    With `background` a thread called `name` does it until `close`. Without it, `submit` returns only when the work is
-    done, so that the same inputs always give the same results.
+    With `background` a thread called `name` does the work until `close`. Otherwise `submit` returns only when the work
+    is done, so that the same inputs always give the same results.
     """
 
     def __init__(self, name: str = "worker", *, background: bool = False) -> None:

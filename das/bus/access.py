@@ -50,7 +50,7 @@ CLOCK_SLACK = timedelta(minutes=5)
 """Time before now from which certificates are valid, because the clocks of other machines may be slow."""
 AUTHORITY = "ca.pem"
 MOST_LETTERS = 64
-"""The longest common name of a certificate (RFC 5280, ub-common-name-length)."""
+"""Largest number of characters in the common name of a certificate (RFC 5280, ub-common-name-length)."""
 
 
 def common_name(role: Role, train: str) -> str:
@@ -101,9 +101,9 @@ def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> 
 
 
 def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
-    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns when they expire.
+    """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns the time of expiry.
 
-    A certificate serves both sides of a connection on this machine. The key of the authority is kept nowhere. `ports`
+    A certificate serves both sides of a connection on this machine. The key of the authority is not stored. `ports`
     are those of the roles in `LISTENERS`. Raises DasError if the folder exists or cannot be written.
     """
     if folder.exists():

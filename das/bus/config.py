@@ -23,7 +23,7 @@ LEASE_MS = 2000
 """Silence (ms) after which a peer counts as gone."""
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 LARGEST_BYTES = 1 << 20
-"""Size above which incoming messages are dropped; our largest, a plan, has about 100 kB."""
+"""Size (bytes) above which incoming messages are dropped; our largest message has about 100 kB."""
 ALWAYS: dict[str, Any] = {
     "timestamping/enabled": True,
     "transport/shared_memory/enabled": False,  # a sender could alter a message after it was checked
@@ -73,7 +73,7 @@ class BusFile:
         return ["--bus", str(self.path), *(["--insecure-bus"] if self.insecure else [])]
 
     def config(self, train: str) -> zenoh.Config:
-        """The configuration, ready to open; raises DasError if it is unusable, or opens the bus without permission."""
+        """The configuration, ready for a session; DasError if it is unusable, or opens the bus without permission."""
         try:
             config = zenoh.Config.from_json5(self._text())
         except OSError as error:
@@ -103,7 +103,7 @@ class BusFile:
         return text
 
     def _check_train(self, config: zenoh.Config, train: str) -> None:
-        """Check that a file made by `tls-init` is for this train: with another's, Zenoh would fail silently."""
+        """Check that a file made by `tls-init` is for this train: with another's file, Zenoh would fail silently."""
         metadata = _read(config, "metadata")
         ours = metadata.get("das") if isinstance(metadata, dict) else None
         its = ours.get("train") if isinstance(ours, dict) else None
@@ -122,7 +122,7 @@ class BusFile:
             config.insert_json5(f"{SECRETS}/{name}", json.dumps(str(path)))
 
     def _check_closed(self, config: zenoh.Config) -> None:
-        """Refuse whatever leaves this machine without mutual TLS."""
+        """Refuse every connection that leaves this machine without mutual TLS."""
         tls = _read(config, SECRETS)
         for key in ("listen/endpoints", "connect/endpoints"):
             for text in _texts(_read(config, key)):

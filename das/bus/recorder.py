@@ -2,7 +2,7 @@
 
 Log time is the clock of the simulation (the last Control message), or else the wall clock; publish time is the time
 that the message states. The schema of a topic also contains the comments of its fields, with their units, in
-`source_code_info`; the protobuf compiler would drop them.
+`source_code_info`; the protobuf compiler would drop these comments.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ FLUSH_EVERY_S = 0.5
 CHUNK_BYTES = 1 << 18
 """Uncompressed size (bytes) at which a chunk is written; damage to one chunk loses no more."""
 LIBRARY = f"driver-advisory-system {__version__}"
-"""The program that wrote a recording, as the file states it."""
+"""The name of the program that wrote a recording, as stated in the file."""
 REPORT_EVERY_S = 1.0
 """Longest time (s) between reports of the recorder's progress, also while there are no ticks."""
 LAST_NS = 2**63 - 1
-"""The latest time that the file can hold (ns since 1970); times beyond it stay in the message alone."""
+"""The latest time that the file can hold (ns since 1970); a later time is recorded only inside its message."""
 COMMENTS: Final = "das_comments.json"
 """The file with the comments of das.proto by full field name; tests/support/generated_messages.py writes it."""
 SPAN: Final = (0, 0, 0)
@@ -53,7 +53,7 @@ class RecordingFile:
     """An MCAP file that is being written, with checksums: messages of our topics, metadata, attachments."""
 
     def __init__(self, path: Path, clocks: Clocks = WALL) -> None:
-        """Begin a file, replacing an existing one; it is readable from the first moment. A symbolic link is refused."""
+        """Begin a file, which is always readable, in place of an existing one. A symbolic link is refused."""
         self.path = path
         self.messages = 0
         self._clocks = clocks
@@ -87,7 +87,7 @@ class RecordingFile:
         self.messages += 1
 
     def flush_if_due(self) -> None:
-        """Flush, if the last flush was `FLUSH_EVERY_S` ago."""
+        """Flush, if the last flush was at least `FLUSH_EVERY_S` ago."""
         if self._clocks.seconds() - self._flushed_s >= FLUSH_EVERY_S:
             self.flush()
 
@@ -154,7 +154,7 @@ class Recorder:
     """Writes the messages it receives, and reports its progress at every tick, so that a fast sender can wait.
 
     `clock_ns` is the time of a simulation before its first Control message (None: the wall clock counts). In a
-    simulation, messages without a time are left out: how many a starting node sends depends on the machine.
+    simulation, messages without a time are left out: their number depends on how fast the machine starts a node.
     """
 
     def __init__(self, bus: Bus, file: RecordingFile, clock_ns: int | None, clocks: Clocks = WALL) -> None:

@@ -51,7 +51,7 @@ class Contents:
     metadata_records: list[tuple[str, dict[str, str]]] = field(default_factory=list)
     """The metadata records, by name; a merged file has several of one name."""
     recordings: dict[str, str] = field(default_factory=dict)
-    """The recording (`RECORDING`) that holds the messages of a train; empty text for one that does not name itself."""
+    """The recording (`RECORDING`) that holds the messages of a train; empty text for a recording that has no name."""
     attachments: list[records.Attachment] = field(default_factory=list)
     foreign: dict[str, int] = field(default_factory=dict)
     health: Health = field(default_factory=lambda: Health(size_bytes=0, complete=False))
@@ -64,7 +64,7 @@ class Contents:
 
     @property
     def metadata(self) -> dict[str, dict[str, str]]:
-        """The metadata that apply to the whole file: of several records of a name, the entries common to all."""
+        """The metadata that apply to the whole file: of several records with the same name, their common entries."""
         return self.metadata_of(None)
 
     def metadata_of(self, train: str | None) -> dict[str, dict[str, str]]:
@@ -91,7 +91,7 @@ class Contents:
 class Raw:
     """The records of a file that can be trusted, before their messages are decoded.
 
-    Each entry of `metadata` states whether its own checksum is right (None: it has none, and nothing else proves it).
+    Each entry of `metadata` states whether its own checksum is right (None: neither it nor another one proves it).
     """
 
     schemas: dict[int, records.Schema] = field(default_factory=dict)
@@ -103,7 +103,7 @@ class Raw:
     """Whether the recorder wrote the file: it gives each message of the file a unique number."""
 
     described: dict[int, tuple[records.Channel, records.Schema]] = field(default_factory=dict)
-    """Channels and their schemas by the metadata of the recorder, with the numbers that it gave them."""
+    """Channels and their schemas according to the recorder's metadata, with the numbers given by the recorder."""
 
     def use(self, record: records.McapRecord) -> None:
         """Keep a record that can be trusted, and metadata, whose own checksum is checked here."""
@@ -149,7 +149,7 @@ class Raw:
 
 
 def read_raw(path: Path) -> tuple[Raw, Health]:
-    """All records of a file; raises DasError if it is missing, not MCAP, or too large to read.
+    """All records of a file; raises DasError if the file is missing, not MCAP, or too large to read.
 
     The file is read as a whole: with a memory map, the process would end if the file were truncated meanwhile.
     """
@@ -252,7 +252,7 @@ def read_contents(path: Path) -> Contents:
 def _tell_drives_apart(found: Contents, sources: Sequence[str], *, numbered: bool) -> None:
     """Name the second drive of a train in a merged file "<train>-drive-2", and so on; the first keeps the train's name.
 
-    `sources` are the recordings of the messages; those of a `numbered` one may be several drives by their numbers.
+    `sources` are the recordings of the messages. If they are `numbered`, the numbers may show several drives in one.
     """
     for train in found.trains:
         of_source: dict[str, list[int]] = {}
@@ -273,8 +273,8 @@ def _drives_by_number(found: Contents, train: str, of_train: Sequence[int]) -> l
     """The number of the drive to which each message of a train belongs, from 0 on, in a file that does not name its
     recordings.
 
-    A recorder uses each sequence number once, so a repeated number of a train shows two drives. Raises DasError for
-    drives that are interleaved in the file: their messages cannot be distinguished.
+    A recorder uses each sequence number once, so a number that occurs twice for a train shows two drives. Raises
+    DasError for drives that are interleaved in the file: their messages cannot be distinguished.
     """
     numbers = [found.messages[i].sequence for i in of_train]
     count = max(Counter(numbers).values())
@@ -329,7 +329,7 @@ class Recording(Summary):
     """The contents of a recording for one train.
 
     `messages` holds the messages by topic name in the order of their log times. `train` is the chosen train, `trains`
-    are all of the file. `metadata` holds texts by record name and key, `attachments` the names of the attached files,
+    are all in the file. `metadata` holds texts by record name and key, `attachments` the names of the attached files,
     `attached` the files. `complete` is False for a file that was cut off. `health` states damage and gaps.
     """
 
@@ -442,7 +442,7 @@ def _plain(value: Any, described: Any) -> Any:
 def read_recording(path: str | Path, *, train: str | None = None, skip_damage: bool = False) -> Recording:
     """Read a recording; if it was cut off, everything before the cut.
 
-    `train` chooses the train of a recording that holds several. With `skip_damage`, damaged parts are left out and
+    `train` chooses one of several trains in a recording. With `skip_damage`, damaged parts are left out and
     noted in `health`; otherwise a damaged file is refused.
 
     Raises DasError for a file that is missing, not MCAP or damaged, that has no message of a train, or that has several
@@ -490,7 +490,7 @@ def refuse_damage(found: Contents) -> None:
 
 
 def _chosen(found: Contents, trains: Sequence[str], train: str | None) -> str:
-    """The train to read; raises DasError if there is none, or if there are several and none is named."""
+    """The train to read; raises DasError if there is none, or if there are several and `train` is None."""
     path = found.path
     if not trains:
         if found.health.damage:

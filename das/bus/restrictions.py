@@ -14,7 +14,7 @@ _Kind = TypeVar("_Kind", bound=Restriction)
 
 
 def encode_restriction(one: Restriction) -> das_pb2.Restrictions.Restriction:
-    """The message of a restriction; an open end of its window takes no bytes."""
+    """The message of a restriction; an open end of the time window is left unset."""
     return das_pb2.Restrictions.Restriction(**vars(one))
 
 

@@ -1,6 +1,6 @@
 """Reads an MCAP file record by record, with the library's own classes; damaged records are noted and skipped.
 
-Chunks, attachments, all data and the index have checksums; metadata get one of their own (`das.bus.sealing`).
+Chunks, attachments, all data and the index have checksums; metadata records are given one by `das.bus.sealing`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from das.bus.sealing import MAGIC
 from das.domain.errors import DasError
 
 MAGIC_BYTES_WRONG: Final = 2
-"""Largest number of the first bytes in which a damaged MCAP file may differ from an intact one."""
+"""Largest number of wrong bytes among the first eight with which a file is still read as a damaged MCAP file."""
 RECORD: Final = struct.Struct("<BQ")
 """The header of a record: kind, length (bytes)."""
 SIGNATURE: Final = re.compile(rb"\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4")
 """The bytes that name a chunk's compression; a search for the next chunk looks for them."""
 SIGNATURE_AT: Final = RECORD.size + 28
-"""The byte of a chunk's record at which its compression is named: behind two times, its size and its checksum."""
+"""Offset of the compression's name in a chunk record: after the two time stamps, the size and the checksum."""
 KINDS: Final[dict[int, Any]] = {one: getattr(records, one.name.title().replace("_", "")) for one in Opcode}
 """The library's class of each kind of record."""
 PRIVATE: Final = 0x80
@@ -41,11 +41,11 @@ ALWAYS_BYTES: Final = 4 << 20
 """Size (bytes) to which a file may always unpack, however small it is."""
 MOST_MESSAGES: Final = 2_000_000
 """Most messages that are read from a file (60 hours of recording), so that reading does not take too long."""
-SOMEWHERE: Final = "wrong checksum of the data, whose messages are intact"
+SOMEWHERE: Final = "the checksum over all data is wrong, although every chunk is intact"
 MOST_LISTED = 5
 """Largest number of damaged places that are listed one by one."""
 UNCHECKED: Final = "unchecked "
-"""The prefix to the name of metadata without any checksum, which no command uses."""
+"""Prefix added to the names of metadata without a checksum; no command uses such metadata."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class Damage:
     """A damaged stretch of a file.
 
     `what` describes it in words. `lost`: it contained messages, attachments or metadata, which are left out.
-    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0: not stated.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0: unknown.
     """
 
     start_byte: int
@@ -96,14 +96,14 @@ class Health:
         if self.missing:
             lines.append(f"{self.missing} messages are missing, according to their sequence numbers")
         if not self.complete:
-            lines.append("it was cut off: it contains only messages written before")
+            lines.append("the file was cut off: later messages are missing")
         if self.unchecked:
             lines.append(f"damage would go unnoticed (no checksum) in: {', '.join(self.unchecked)}")
         return lines
 
 
 class FoundRecord(NamedTuple):
-    """A record (None: of another program's kind), its place, and whether its own checksum proves it."""
+    """A record (None: of another program's kind), its place, and whether its own or its chunk's checksum proves it."""
 
     record: Any
     start_byte: int
@@ -111,7 +111,7 @@ class FoundRecord(NamedTuple):
 
 
 class _DamagedError(Exception):
-    """A record is damaged; `times_ns` are those of its first and last message, as it states them."""
+    """A record is damaged; `times_ns` are the times of the first and last message that the record states."""
 
     def __init__(self, what: str, times_ns: tuple[int, int] = (0, 0)) -> None:
         super().__init__(what)
@@ -121,9 +121,9 @@ class _DamagedError(Exception):
 class Scan:
     """A walk through the bytes of a file. `walk` yields the records; the attributes are complete when it has ended.
 
-    `ended` states whether the file has its last bytes, `data_proven` whether the checksum over all data is right (None:
-    there is none), and `index_proven` whether the one over the index at the end is right. `cut_byte` is where the last
-    record of a cut file begins; -1 if the file ends with a whole record.
+    `ended` states whether the file ends with the MCAP magic bytes, `data_proven` whether the checksum over all data is
+    right (None: there is none), `index_proven` whether the checksum over the index at the end is right. `cut_byte` is
+    where the last record of a cut file begins; -1 if the file ends with a whole record.
     """
 
     def __init__(self, data: bytes) -> None:
@@ -178,7 +178,7 @@ class Scan:
         if kind >= PRIVATE:
             return end, [FoundRecord(None, at, False)]
         if kind not in KINDS:
-            raise _DamagedError("a record of no known kind")
+            raise _DamagedError("a record of an unknown kind")
         record, read_to = self._read(at, kind)
         if read_to != end:
             raise _DamagedError(f"a record ({KINDS[kind].__name__}) that cannot be read")
@@ -192,7 +192,7 @@ class Scan:
         return end, [FoundRecord(record, at, checksum != 0)]
 
     def _read(self, at: int, kind: int) -> tuple[Any, int]:
-        """The record at a place by the library's reader, and where it ends."""
+        """The record at a place, read with the library, and the position at which it ends."""
         self._file.seek(at + RECORD.size)
         stream, length = ReadDataStream(self._file), self._end(at) - at - RECORD.size
         try:
@@ -204,7 +204,7 @@ class Scan:
     def _chunk(self, at: int) -> tuple[int, list[FoundRecord]]:
         """The end of a chunk, and its schemas, channels and messages.
 
-        It ends where its packed messages do: if only its header is damaged, its checksum proves them.
+        The end is that of the compressed messages: a chunk with a damaged header is read if its checksum proves them.
         """
         chunk, end = self._read(at, Opcode.CHUNK)
         times_ns, proven = (chunk.message_start_time, chunk.message_end_time), chunk.uncompressed_crc != 0
@@ -224,7 +224,7 @@ class Scan:
         return end, [FoundRecord(one, at, proven) for one in found]
 
     def _unpacked(self, chunk: records.Chunk) -> list[Any]:
-        """The records in a chunk, unpacked to no more than one byte beyond the size that it states."""
+        """The records in a chunk; at most one byte more than the stated size is unpacked."""
         size, packed, rest = chunk.uncompressed_size, chunk.data, b""
         if size > self._left_bytes:
             raise _DamagedError(
@@ -239,7 +239,7 @@ class Scan:
             frame = LZ4FrameDecompressor()
             packed, rest = frame.decompress(packed, max_length=size + 1), frame.unused_data
         if len(packed) != size or rest:
-            raise _DamagedError("a chunk of another size than it states")
+            raise _DamagedError("a chunk whose unpacked size differs from the size in its header")
         return breakup_chunk(replace(chunk, compression="", data=packed), validate_crc=True)
 
     def _end_of_data(self, record: records.DataEnd, at: int) -> None:
@@ -279,7 +279,7 @@ class Scan:
         return end
 
     def _is_chunk(self, at: int) -> bool:
-        """Whether there is a chunk at a place and its checksum proves its messages; `walk` then notes its damage."""
+        """Whether the checksum of a chunk at a place proves its messages; `walk` notes any damage on reading them."""
         noted = len(self.damage)
         try:
             found = self._record(at)[1] if self.data[at] == Opcode.CHUNK else []

@@ -14,12 +14,12 @@ CHANNELS: Final = "channel "
 """Metadata named "channel <number>" describe a channel a second time: if the chunk that describes it is lost, its later
 messages can still be read."""
 NUMBERED: Final = "numbered"
-"""The entry of a channel's metadata that marks a file of the recorder, which numbers all messages of the file."""
+"""The entry of a channel's metadata that marks a file of das-record, in which all messages are numbered."""
 RECORDING: Final = "recording"
 """The entry of a channel's metadata, and of each metadata record, that names the recording in which it was written.
 
-Programs that merge files copy it. It is the only entry of a channel, because `mcap merge` joins channels with equal
-metadata and compares several entries in no fixed order.
+Programs that merge files copy the entry. It is the only entry of a channel, because `mcap merge` joins channels with
+equal metadata and compares several entries in no fixed order.
 """
 
 
@@ -29,6 +29,6 @@ def sealed(name: str, data: Mapping[str, str]) -> dict[str, str]:
 
 
 def unsealed(name: str, data: Mapping[str, str]) -> tuple[dict[str, str], bool | None]:
-    """The entries of a metadata record without their checksum, and whether it is right (None: there is none)."""
+    """The entries of a metadata record without the checksum, and whether that checksum is right (None: it has none)."""
     entries = {key: value for key, value in data.items() if key != CHECKSUM}
     return entries, None if CHECKSUM not in data else sealed(name, entries) == data

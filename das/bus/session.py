@@ -28,13 +28,13 @@ from das.domain.errors import DasError
 CAPACITY = 1_000
 """Largest number of waiting messages: at 50 µs each, the newest is answered within 50 ms."""
 BYTES_EACH = 8_000
-"""Mean size (bytes) of messages for which the inbox has room; a few larger ones fit as well."""
+"""Mean size (bytes) of the messages in a full inbox; a few larger messages fit as well."""
 CONTROL_FACTOR = 10
 """Factor on the capacity of the inbox for messages that must not be dropped."""
 MOST_SENDERS = 100
 """Largest number of senders whose newest state is remembered."""
 HEARTBEAT_S = 1.0
-"""Interval (s) at which a latched topic announces its last message, in case a closed link has lost it."""
+"""Interval (s) at which a latched topic announces its last message, in case it was lost with a closed link."""
 ENDPOINT = re.compile(r"tcp/127\.0\.0\.1:(\d{1,5})")
 TOKENS = "/@adv/pub/"
 """A liveliness token has the key `<topic key>/@adv/pub/<session>/<publisher>/…`, with the session's name as in its time
@@ -44,9 +44,9 @@ stamps (`Received.source`). Zenoh withdraws the tokens of a session that is clos
 class Inbox:
     """The messages received by Zenoh's threads and not taken yet; `dropped` counts lost messages.
 
-    When it is full, the oldest message of a topic that is neither latched nor Control is dropped (a position, a delay).
-    If there is none, a new message of a latched topic replaces the one before it. Control messages, and latched ones
-    that replace none, are kept up to `CONTROL_FACTOR` times the capacity.
+    When the inbox is full, the oldest message of a topic that is neither latched nor Control is dropped (a position, a
+    delay). If there is none, a new message of a latched topic replaces the previous one. Control messages, and latched
+    messages without a previous one, are kept up to `CONTROL_FACTOR` times the capacity.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -161,7 +161,7 @@ def check_endpoint(text: str) -> str:
 
 @dataclass(frozen=True)
 class Presence:
-    """A session has begun to publish a topic (`there` is True), or has ceased to."""
+    """A report that a session has begun to publish a topic (`there` is True), or no longer does."""
 
     topic: Topic
     source: str
@@ -180,7 +180,7 @@ class Presences:
         self._lock = threading.Lock()
 
     def note(self, topic: Topic, token: str, *, there: bool) -> None:
-        """Take note of a token that has appeared or was withdrawn; a key that is not a token's is ignored."""
+        """Take note of a token that has appeared or was withdrawn; keys that are not of tokens are ignored."""
         source = token.partition(TOKENS)[2].partition("/")[0]
         if not source:
             return
@@ -205,7 +205,7 @@ class Presences:
 class Bus:
     """A session for one train; use it with `with`, because an open session makes the program hang at exit.
 
-    `listen` is the endpoint of this process, `connect` are those of the others, tried again until they answer; or a
+    `listen` is the endpoint of this process; `connect` are the endpoints of others, tried until they answer; or a
     site's `file` states both. `hear` lists the topics to receive. `waiting` is the capacity of the `Inbox`.
     """
 

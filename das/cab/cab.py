@@ -126,7 +126,7 @@ class Cab:
     def hear(self, message: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
         """Act on a message, or report why it is ignored.
 
-        An unforeseen error is reported as well and withdraws the next advice; a crashed cab could do neither.
+        An unforeseen error is caught, reported, and withdraws the next advice; a crashed cab could do neither.
         """
         if isinstance(message, NodeSeen):
             self._guard.see_node(message)

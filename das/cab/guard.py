@@ -32,22 +32,22 @@ from das.domain.units import NS
 from das.estimate.estimate import STALE_AFTER_S
 
 MOST_RIVALS = 20
-"""Largest numbers of waiting sessions (the newest) and of other nodes of the train (the first) remembered."""
+"""Largest number of waiting sessions (the newest) that are remembered, and of other nodes of the train (the first)."""
 MOST_GONE = 50
 """Largest number of sessions (the newest) whose presence is remembered."""
 MOST_STOPS = 200
-"""Largest number of stops of a journey; one with more is rejected as implausible."""
+"""Largest number of stops of a journey; a journey with more is rejected as implausible."""
 MOST_RESTRICTIONS = 100
-"""Largest number of restrictions in a message; one with more is rejected as implausible."""
+"""Largest number of restrictions in a message; a message with more is rejected as implausible."""
 MOST_TARGETS = 100
-"""Largest number of targets in a message; one with more is rejected as implausible."""
+"""Largest number of targets in a message; a message with more is rejected as implausible."""
 AHEAD_S = 60.0
-"""Longest time (s) ahead of the clock of a message taken immediately; others wait, not to shut out later ones."""
+"""Longest time (s) ahead of the clock of a message used immediately; others wait, so that later ones still count."""
 TOKEN_AFTER_S = 2.0
 """Time (s) after the first message of a publisher; without a liveliness token by then it counts as having none."""
 NOT_STAMPED = "one without its sender's time stamp (or with one ahead of the clock)"
 SILENT_S = STALE_AFTER_S
-"""Silence (s) after which another publisher of measurements may take over; a position is usable for as long."""
+"""Silence (s) after which another publisher of measurements may take over; a position remains usable just as long."""
 
 
 class Guard:
@@ -168,14 +168,14 @@ class Guard:
         return f"{_named(operator.source)} and {_named(other)}{cure}"
 
     def _refuse_unstamped(self, kind: Kind) -> None:
-        """Refuse a state without its sender's time stamp: two senders without stamps could not be distinguished."""
+        """Refuse a state without its sender's time stamp, because two such senders could not be distinguished."""
         if kind is Kind.RESTRICTION:
             self._news.append(self._unheeded(f"{NOT_STAMPED}: {wording.STAMP_CURE}"))
         else:
             self._news.append(f"{kind}: {NOT_STAMPED} was ignored: {wording.STAMP_CURE}")
 
     def _unheeded(self, why: str) -> str:
-        """Drop the restrictions in force; returns the text that there is no advice for that reason."""
+        """Drop the restrictions in force; returns the text that gives this as the reason for having no advice."""
         self.unheeded = why
         return wording.withdrawal(Withdrawal(Cause.RESTRICTIONS_UNHEEDED, why))
 
@@ -194,7 +194,7 @@ class Guard:
         return ""
 
     def _problem_by_itself(self, message: StateHeard | Unreadable) -> str:
-        """Why a message has to be ignored, whatever came before it; empty if it is accepted."""
+        """Why a message has to be ignored, regardless of earlier messages; empty if it is accepted."""
         kind, now_ns = message.kind, message.heard_ns
         if isinstance(message, StateHeard) and now_ns > 0 and _ahead_s(message, now_ns) > AHEAD_S:
             self._early[kind] = message
@@ -204,14 +204,14 @@ class Guard:
         return found
 
     def _replayed(self, message: StateHeard) -> str:
-        """The age of a state relative to the newest of its kind, as text; empty for any other state, which becomes the
+        """How much older a state is than the newest of its kind, as text; empty if it is not older: then it becomes the
         newest.
 
         The bus repeats the newest state, so a state with an equal time is not rejected.
         """
         kind, now_ns = message.kind, message.heard_ns
         newest_ns = self._newest_ns.get(kind, message.time_ns)
-        # If the clock was set back, the newest time from before must not shut anything out.
+        # If the clock was set back, the newest time from before must not exclude new messages.
         was_set_back = now_ns > 0 and (newest_ns - now_ns) * NS > AHEAD_S
         if message.time_ns < newest_ns and not was_set_back:
             return f"one {(newest_ns - message.time_ns) * NS:.0f} s older than the last"
@@ -232,7 +232,7 @@ class Publishers:
     def counts(self, source: str, now_ns: int) -> bool:
         """Whether a measurement of this session counts; a new session counts once the previous one has gone silent.
 
-        One without its sender's time stamp never counts: two senders without stamps could not be distinguished.
+        A measurement without its sender's time stamp never counts: two such senders could not be distinguished.
         """
         if source == UNSTAMPED:
             self._unstamped_ns = now_ns
@@ -267,8 +267,8 @@ class Operator:
     Two sessions that state different restrictions contradict each other until they agree, or until one is gone and the
     other has sent a list since.
 
-    A publisher without a liveliness token is never reported gone. A newer message of another session overtakes its own,
-    because it was most likely restarted. If it sends again, both are present, and neither overtakes the other.
+    A publisher without a liveliness token is never reported gone. A newer message of another session overtakes it: most
+    likely it was restarted as that session. If it sends again, both are present, and neither overtakes the other.
     """
 
     def __init__(self) -> None:
@@ -284,7 +284,7 @@ class Operator:
         self._contested = False
 
     def counts(self, message: Heard) -> bool:
-        """Whether a message counts; one that does not count waits while its publisher is present.
+        """Whether a message counts; a message that does not count waits while its publisher is present.
 
         Neither an unreadable message nor a repeated one during a contradiction makes its session the one that counts.
         """
@@ -323,7 +323,7 @@ class Operator:
         return False
 
     def overtaking(self) -> StateHeard | None:
-        """The newer message of a waiting session that counts now, because the present one has no token.
+        """The newer message of a waiting session that counts now, because the session that counted has no token.
 
         Restrictions count only if they include all that were in force: both sessions may be present.
         """
@@ -379,7 +379,7 @@ class Operator:
 
 
 def _nonsense(message: StateHeard | Unreadable) -> str:
-    """Why a message is implausible; empty if it is not."""
+    """Why a message is implausible; empty if it is plausible."""
     if isinstance(message, Unreadable):
         return message.why or "a message that cannot be read"
     if isinstance(message, RestrictionsHeard):
@@ -415,7 +415,7 @@ def described(one: Restriction) -> str:
 
 
 def off_route(received: Sequence[Restriction], length_m: float) -> str:
-    """Restrictions wholly off a route of this length: their sender may have another zero point. Empty if none."""
+    """The text on restrictions wholly off a route of this length (their sender may use another zero); empty if none."""
     astray = [one for one in received if one.end_m <= 0 or one.start_m >= length_m]
     if not astray:
         return ""

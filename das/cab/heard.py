@@ -1,4 +1,4 @@
-"""The messages that the cab receives, as frozen values. The bus's codec makes them; a simulation may do so as well.
+"""The messages that the cab receives, as frozen values. The bus's codec makes them, and so may a simulation.
 
 `heard_ns` is the clock at reception (ns since 1970; 0: no clock yet), `source` the session that sent the message.
 """
@@ -14,7 +14,7 @@ from das.domain.restriction import Restriction
 from das.estimate.estimate import Effort, PositionFix
 
 UNSTAMPED: Final = "a sender without time stamps"
-"""The source of a message without its sender's time stamp; two senders without stamps cannot be distinguished."""
+"""The source of any message without its sender's time stamp, because such senders cannot be distinguished."""
 
 
 class Kind(StrEnum):
@@ -112,7 +112,7 @@ class JourneyHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class RestrictionsHeard(StateHeard):
-    """All temporary restrictions known; those received before no longer apply."""
+    """All temporary restrictions known; restrictions received earlier no longer apply."""
 
     kind: ClassVar[Kind] = Kind.RESTRICTION
     restrictions: tuple[Restriction, ...]
@@ -120,7 +120,7 @@ class RestrictionsHeard(StateHeard):
 
 @dataclass(frozen=True, kw_only=True)
 class TargetsHeard(StateHeard):
-    """All targets of traffic management in force; those received before no longer apply."""
+    """All targets of traffic management in force; targets received earlier no longer apply."""
 
     kind: ClassVar[Kind] = Kind.TARGET
     targets: tuple[Target, ...]
@@ -130,7 +130,7 @@ class TargetsHeard(StateHeard):
 class Unreadable(Heard):
     """A message that could not be read.
 
-    `told` is the kind of message that its topic carries, `why` the reason (empty: it has another type).
+    `told` is the kind of message that its topic carries, `why` is the error (empty: the message has another type).
     """
 
     told: Kind

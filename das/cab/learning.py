@@ -14,7 +14,7 @@ from das.estimate.estimate import Quality
 from das.estimate.localisation import ClockDifference
 
 CLOCKS_DIFFER_S: Final = 0.3
-"""Largest difference (s) between the time stamps of forces and positions that belong together."""
+"""Largest difference (s) between the clocks of forces and positions with which both can be used together."""
 REPORT_EVERY_S = 10.0
 """Interval (s) at which the estimates are reported; changes in the trust in the forces are reported no more often."""
 CALIBRATION_ON: Final = "calibration on again: nothing speaks against the measured forces any more"
@@ -76,8 +76,8 @@ class Learning:
     def news(self, now_ns: int) -> str:
         """The text of a change in the trust in the forces, or of an implausible mass; each is reported once.
 
-        It is empty if there is none. The next change waits for `REPORT_EVERY_S`: a sensor near a bound causes few
-        events.
+        The text is empty if there is none. The next change waits for `REPORT_EVERY_S`, so that a sensor near a bound
+        causes few events.
         """
         found = self._found
         doubt = found.remark()
@@ -90,7 +90,7 @@ class Learning:
         return f"calibration off: {FORCE_DOUBTS[doubt]}" if doubt is not None else CALIBRATION_ON
 
     def due(self, now_ns: int) -> Conditions | None:
-        """Mass and resistance to plan with from now on; None while the plan's are near enough."""
+        """Mass and resistance to plan with from now on; None while those of the plan are near enough."""
         return self._recalibration.due(self._found, now_ns)
 
     def report(self, now_ns: int) -> Estimated | None:

@@ -28,7 +28,7 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 
 SHORT_M: Final = 15.0
-"""Distance (m) before its stop; a train that has stood farther away moves up to the stop without advice."""
+"""Distance (m) before its stop beyond which a train that has stood gets no advice until it has drawn forward."""
 AHEAD_DEVIATIONS: Final = 2.0
 """Largest number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 LEAST_WAY_M = 2.0
@@ -74,7 +74,7 @@ class Leg:
         self._stood_short = self._too_fast = False
 
     def facts(self, refusal: str) -> LegFacts:
-        """The facts on which `decide` is based; `refusal` states why the section cannot be driven, if it cannot."""
+        """The facts on which `decide` is based; `refusal` states why the section cannot be driven (empty: it can)."""
         section, goal = self.section, self.goal
         return LegFacts(
             start_m=section.start_m,
@@ -96,7 +96,7 @@ class Leg:
             self.guide = self.guide.successor(self.section, front)
 
     def use_meanwhile(self, section: Section) -> None:
-        """Plan for a changed section without a front yet: the last plan holds, capped by the speeds safe now."""
+        """Plan for a changed section without a front yet: the last plan applies, capped by the speeds safe now."""
         self.use(PlanBasis(section=section, before=self.planner.last_plan))
 
     def set_timetable(self, timetable: Timetable, *, counts: bool = True) -> None:
@@ -107,7 +107,7 @@ class Leg:
         self.goal = replace(self.goal, departure_ns=timetable.departure_ns, due_ns=timetable.arrival_ns, counts=counts)
 
     def set_delay(self, delay_s: float) -> None:
-        """Take over the delay that the operator states (s): only the reason uses it; plans follow the timetable."""
+        """Take over the delay that the operator states (s), for the reason only: plans follow the timetable."""
         self.goal = replace(self.goal, operator_delay_s=delay_s if math.isfinite(delay_s) else None)
 
     def see(self, here: Estimate) -> None:
@@ -176,7 +176,7 @@ class Leg:
             raise NoPlanError(str(error)) from error
 
     def _state(self, here: Estimate) -> TrainState:
-        """The state to advise for, and the distance that the train may be further ahead than the plan allows for."""
+        """The state to advise for, including how much further ahead the train may be than plans allow for."""
         section = self.section
         s_m = max(here.s_m, section.start_m)
         planned_m = 0.0 if section.braking is None else section.braking.deviation_m
@@ -184,7 +184,7 @@ class Leg:
         return TrainState(here.time_ns, s_m, here.speed_mps, max(ahead_m, 0.0))
 
     def withdraw(self, here: Estimate, why: Withdrawal) -> Advice:
-        """Withdraw the advice; the answer states the cause. The plan is dropped unless the display is only quiet."""
+        """The message that withdraws advice, with the cause. The plan is dropped unless the display is only quiet."""
         self._too_fast = False
         if not why.cause.is_quiet:
             self._forget()
@@ -208,7 +208,7 @@ class Leg:
         return replace(advice, guide=self.guide.brakes(effort, force_n, reason, state))
 
     def _forget(self) -> None:
-        """Forget the plan and the reference of the guide."""
+        """Drop the plan and the reference of the guide."""
         self.planner.forget()
         if self.guide is not None:
             self.guide.forget()
@@ -226,7 +226,7 @@ class Leg:
 
 
 def assign_targets(targets: Sequence[Target], legs: Sequence[Leg]) -> tuple[tuple[Target, ...], list[str]]:
-    """Assign each target to its leg and drop all earlier ones; returns the accepted targets, and why others are not."""
+    """Assign each target to its leg and drop all earlier ones; returns the accepted targets and the refusals' texts."""
     for leg in legs:
         leg.arrival_ns, leg.points = None, []
     accepted, refused = [], []

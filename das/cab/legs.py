@@ -27,7 +27,7 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
-"""Distance (m) before its section at which a train that has begun it counts as back on the previous one."""
+"""Distance (m) before its section at which a train that had begun the section counts as back on the previous one."""
 
 MOST_NAMED: Final = 3
 """Largest number of accepted targets that are named."""
@@ -151,9 +151,9 @@ class Legs:
         self._note_change()
 
     def set_conditions(self, conditions: Conditions) -> None:
-        """Take over changes relative to the files; if the train could not drive under them, only report that.
+        """Take over changes relative to the files; only report them if the present or next leg would be impossible.
 
-        Exception: if its brakes would not hold the train on a descent, the advice is withdrawn.
+        Exception: if the brakes would not hold the train on a descent, the advice is withdrawn.
         """
         situation = replace(self.situation, conditions=conditions)
         now = situation.at(self._now_ns)
@@ -170,7 +170,7 @@ class Legs:
         self._note_change()
 
     def set_targets(self, targets: Sequence[Target]) -> None:
-        """Take over all targets in force; one that does not belong to this journey is ignored and reported."""
+        """Take over all targets in force; a target that does not belong to this journey is ignored and reported."""
         self._targets = tuple(targets)
         self._accepted, refused = assign_targets(self._targets, self.legs)
         for why in refused:
@@ -214,7 +214,7 @@ def _set_timetables(legs: Sequence[Leg], timetables: Sequence[Timetable]) -> Non
 def leg_of(ends_m: Sequence[float], before: int | None, moment: tuple[float, bool]) -> int:
     """The index of the leg by position; `ends_m` are the ends (m) of all legs but the last one.
 
-    At a stop it is the leg that ends there until the train stands, then the next. A train that runs through its stop
+    At a stop this is the leg that ends there until the train stands, then the next. A train that runs through its stop
     stays on the leg it has not ended, until it stands or is far away. Scatter of the position does not return a train
     that has begun a leg to the previous leg.
     """

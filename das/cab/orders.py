@@ -18,7 +18,7 @@ from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 
 DAY_NS = 86_400 * 10**9
-"""Difference (ns) from the clock which all times of a journey must exceed for the journey to be of another day."""
+"""Difference (ns) from the clock; if all times of a journey differ by more, the journey is of another day."""
 
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
@@ -48,7 +48,7 @@ class Trains:
         return list(self._found.values())
 
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
-        """The train of an id in a load state (empty: the file's); DasError if there is none."""
+        """The train of an id in a load state (empty: that of the file); DasError if there is none."""
         if (vehicle_id, load) not in self._found:
             self._found[vehicle_id, load] = self._read(vehicle_id, load)
         return self._found[vehicle_id, load]

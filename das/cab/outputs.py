@@ -42,7 +42,7 @@ class NodeState(IntEnum):
     """There is a journey, but no position yet."""
     ADVISING = 3
     WITHDRAWN = 4
-    """There is no advice; cause and reason say why."""
+    """There is no advice; cause and reason explain it."""
     STOPPING = 5
 
 
@@ -94,7 +94,7 @@ Output = Advice | Status | Plan | Estimated | Event
 class Moderation:
     """Lets through `MOST_A_SECOND` texts in each second, by a clock that may jump, and counts the others.
 
-    It prevents a flood of faulty messages from causing a flood of reports.
+    Thus a flood of faulty messages does not cause a flood of reports.
     """
 
     def __init__(self) -> None:
@@ -134,7 +134,7 @@ class Reporting:
 
     def __init__(self) -> None:
         self.advices = 0
-        """Counts of advice given or withdrawn."""
+        """Number of advice messages so far, including withdrawals."""
         self._outputs: list[Output] = []
         self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Regime, Cause] | None = None
@@ -158,7 +158,7 @@ class Reporting:
         self.add(Event(time_ns=now_ns, severity=severity, text=text))
 
     def may_report(self, now_ns: int) -> bool:
-        """Whether a message may cause a report of success now; it prevents floods of reports."""
+        """Whether the report that a message was accepted may be sent now; too many such reports are dropped."""
         return self._news.allows(now_ns)
 
     def complain(self, now_ns: int, text: str, severity: Severity = Severity.WARNING) -> None:

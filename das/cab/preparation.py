@@ -172,7 +172,7 @@ class _Answer(NamedTuple):
 class _Prepared:
     """The state of a leg's preparation.
 
-    `situation` is the one prepared for, `why` the reason for preparing again, `refusal` why the leg cannot be driven.
+    The leg is prepared for `situation`; `why` is the reason for preparing it again, `refusal` why it cannot be driven.
     """
 
     situation: Situation
@@ -181,7 +181,7 @@ class _Prepared:
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
     held_from_m: float = math.inf
-    """Place (m) after which the brakes hold the train, if a descent is why the leg is refused; checked again there."""
+    """Place (m) after which the brakes hold the train, if a leg is refused for a descent; it is checked again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
     guide: Future[FoundGuide | str] | None = None
@@ -238,7 +238,7 @@ class Preparation:
         return any(search.done() for one in self._prepared.values() for search in one.searches)
 
     def refusal(self, leg: Leg) -> str:
-        """The reason why no train can run on a leg; empty if one can."""
+        """The reason why the train cannot run on a leg; empty if it can."""
         return self._prepared[leg].refusal
 
     def report(self, news: News) -> None:
@@ -312,7 +312,7 @@ class Preparation:
             self._take_guide(leg, one, one.guide.result())
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
-        """Use the result of a search, or keep why it failed."""
+        """Use the result of a search, or keep the reason why the search failed."""
         one.search, one.ready = None, True
         one.failed_ns = now_ns if answer.failed else None
         self.solve_s = answer.took_s
@@ -344,7 +344,7 @@ class Preparation:
         leg.use_guide(answer.front)
 
     def _search_front(self, section: Section, s_m: float, point: PassingTarget | None) -> _Answer:
-        """Search for a front, and for policies if a point is to be passed that sets a time and is not reached yet.
+        """Search for a front, and for policies if a point ahead must be passed in a window of time.
 
         Any error becomes part of the answer.
         """

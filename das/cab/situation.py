@@ -66,8 +66,8 @@ class Situation:
     def section(self, start_m: float, end_m: float) -> Section:
         """A section in this situation, planned with the service braking; raises as `build_section` does.
 
-        Estimated mass and resistance may lower the braking curves but never raise them: forces that are measured too
-        small make a train look light and its brakes good.
+        Estimated mass and resistance may lower the braking curves but never raise them: if forces are measured too
+        small, the train appears lighter and its brakes better than they are.
         """
         section = self._section(self.conditions, start_m, end_m)
         careful = replace(

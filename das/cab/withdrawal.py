@@ -19,7 +19,7 @@ from das.estimate.plausibility import STANDSTILL_MPS
 LOST_BEYOND_M: Final = 500.0
 """Largest distance (m) beyond the end of a section at which a train counts as past its stop, not as off the section."""
 REPORT_EVERY_S = 30.0
-"""Time (s) without replacements of a part of the advice; the next one after it is reported again."""
+"""Time (s) without replacements of a part of the advice after which its next replacement is reported again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ class Trust:
 class LegFacts:
     """The facts of the leg on which the decision is based.
 
-    They are its two ends (m), its departure (ns since 1970), whether it has a timetable, and why it cannot be driven.
+    They are the leg's two ends (m), its departure (ns since 1970), whether it has a timetable, and why it is refused.
     `stood_short`: the train has stood clearly short of the leg's first stop, and has not reached it yet.
     """
 
@@ -68,9 +68,9 @@ def decide(
     no_plan: str = "",
     quiet: Cause = Cause.NONE,
 ) -> Withdrawal | None:
-    """Why there is no advice; None if there is. The first of these that holds decides:
+    """Why there is no advice; None if there is advice. The first of these causes that applies decides:
 
-    1. two publishers of the position, or one that might be two; 2. two publishers that state different restrictions; 3.
+    1. two publishers of the position, or one that may be two; 2. two publishers that state different restrictions; 3.
     restrictions that cannot be used; 4. the journey was refused; 5. an internal error; 6. no journey; 7. no list of
     restrictions received; 8. the section cannot be driven; 9. the position: none, rejected, stale, ahead of the clock
     or uncertain; 10. the train is outside the section; 11. it moves up to the stop before its departure; 12. it has run

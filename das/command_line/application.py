@@ -41,7 +41,7 @@ def is_given(option: str) -> bool:
 
 
 def refuse_given(why: str, *options: str) -> None:
-    """Raise DasError for the first of some options that the user typed; `why` states what it needs.
+    """Raise DasError for the first of some options that the user typed; `why` states what that option needs.
 
     Nothing is refused if a function is called without a command line.
     """

@@ -96,7 +96,7 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[str | Path | None] = (
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture whose suffix is not one of `PICTURES`, or without matplotlib; None is no picture."""
+    """Refuse a picture whose suffix is not one of `PICTURES`, or any picture without matplotlib; None is no picture."""
     if path is not None and importlib.util.find_spec("matplotlib") is None:
         raise DasError(NO_MATPLOTLIB)
     if path is not None and path.suffix.lower() not in PICTURES:

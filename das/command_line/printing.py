@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 PRINTED_WIDTH = 80
-"""Width (columns) of text for a file or a pipe; text for a terminal has the terminal's width."""
+"""Width (columns) of text for a file or a pipe; text for a terminal has the width of the terminal."""
 WIDEST_TABLE = 1000
 WIDEST_PARAGRAPH = 110
 """Widest lines of running text (columns), however wide the terminal."""
@@ -172,7 +172,7 @@ SAID_EVERY_S = 2.0
 
 @contextlib.contextmanager
 def progress_bar(title: str, first: str, unit: str) -> Iterator[Progressed]:
-    """Show the progress as a bar on a terminal, as a line every few seconds elsewhere.
+    """Show the progress: on a terminal as a bar, elsewhere as a line every few seconds.
 
     `first` is the text until there is progress. Yields the function to call with the amount done and the whole amount.
     The bar estimates the remaining time from what has been done so far.
@@ -231,7 +231,7 @@ def shown(items: Sequence[Item], name: Callable[[Item], str] = str) -> Iterator[
 
 @contextlib.contextmanager
 def loading_solver(late: str = "") -> Iterator[None]:
-    """Say that kernels are being loaded (on a terminal) or compiled; the first calls of kernels belong in this block.
+    """Report that kernels are being loaded (on a terminal) or compiled; first calls of kernels belong in this block.
 
     From then on the process also reports compilation outside the block, once in total. `late` names a module that
     compiles what the command needs last; it runs in a second process if anything is compiled.
@@ -261,7 +261,7 @@ def _compiling_listener() -> Any:
     class Listener(event.Listener):
         """Reports once that the solver is being compiled, in the line of `status` or else in a new line.
 
-        It also starts the process that compiles what is needed late.
+        The listener also starts the process that compiles what is needed late.
         """
 
         status: Any = None

@@ -45,7 +45,7 @@ def available_cores() -> int:
 def start_beside(module: str) -> None:
     """Run a module's `main()` in a second process, if a processor is free for it; it ends with the present process.
 
-    A failure of the second process is not reported: it only does in advance what the present one would do later.
+    A failure of the second process is not reported, because the present process would then do its work later.
     """
     if available_cores() < 2:
         return

@@ -65,4 +65,4 @@ class SiteBraking:
 
 
 USUAL = SiteBraking()
-"""The default braking, for a site whose operator states nothing about its drivers."""
+"""The default braking, for a site without statements about its drivers."""

@@ -23,8 +23,8 @@ def distances_m(
     """Distance (m) between each pair of points, arrays of one shape or numbers.
 
     Below 60 km, d² = (M Δφ)² + (N cos φ Δλ)² with the radii of curvature M (meridian) and N (prime vertical) at the
-    mean latitude φ, which is exact to 10⁻⁵ at mid latitudes; beyond it the great circle on a sphere of radius N
-    (haversine), exact to 0.6 %.
+    mean latitude φ, which is exact to 10⁻⁵ at mid latitudes; from 60 km on, the great circle on a sphere of
+    radius N (haversine), exact to 0.6 %.
     """
     south, north = (np.radians(np.asarray(x, dtype=float)) for x in (latitude_deg, to_latitude_deg))
     turn = np.asarray(to_longitude_deg, dtype=float) - np.asarray(longitude_deg, dtype=float)

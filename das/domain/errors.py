@@ -21,7 +21,7 @@ NOW_CALLED: Final = {
     "--speed": ("--pace",),
     "--connect": ("--driver-at",),
 }
-"""Old names of options, keys and words, each with the present one."""
+"""The present name for each old name of an option, key or word."""
 _UNSEEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 

@@ -15,7 +15,7 @@ from das.domain.summary import Summary
 from das.domain.units import KMH
 
 LEAST_SPACING_M = 1.0
-"""Least distance between two points of a journey."""
+"""Least distance (m) between two points of a journey."""
 
 
 class OrderedStop(NamedTuple):
@@ -75,8 +75,8 @@ class Call:
 class Passing:
     """A point to be passed within a time window and between two speeds; without a window, a timing point.
 
-    A `wish` is not enforced: plans report whether its window is met within `tolerance_s` (the rounding of the
-    timetable) and what meeting it costs.
+    A `wish` is not enforced: plans report whether its window is kept within `tolerance_s` (the rounding of the
+    timetable) and the cost of keeping it.
     """
 
     name: str

@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 GRID_EVENNESS = 1e-6
 """Relative deviation from even spacing allowed on the axes of a loss map."""
 MOST_MAP_POINTS = 5_000_000
-"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; a larger map contains a wrong speed or
+"""Largest number of points of a loss map: 500 km/h and 10 000 kN in steps of 1; a larger map has a wrong speed or
 force."""
 
 

@@ -20,7 +20,7 @@ from das.domain.vehicle import Vehicle
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose limits the file's values may exceed."""
 INSIST = f'to accept it, set {ACCEPTED} = ["{{check}}"] in [%s]'
-"""The end of the error for an implausible value, which tells how to accept it; `%s` is the table of the file."""
+"""The end of the error for an implausible value: how to accept the value; `%s` is the table of the file."""
 SPEEDS = 200
 """Number of speeds, from standstill to the top speed, at which efforts are checked."""
 NOISE_OVER_M = 2000.0

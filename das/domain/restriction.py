@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 LEAST_RESTRICTION_MPS = 0.5
-"""Lowest speed of a restriction (m/s); a train could not pass a lower one."""
+"""Lowest speed (m/s) of a restriction that a train could pass."""
 COUNTS_BEFORE_S = 900.0
 """Time (s) by which plans observe a restriction before its window opens. Every train brakes in less: from 500 km/h at
 0.2 m/s² it takes 700 s, so the train is slow enough, or past the restriction, when the window opens."""
@@ -25,7 +25,7 @@ COUNTS_AFTER_S = 10.0
 """Time (s) after its window has closed until which plans observe a restriction: twice the clock correction (5 s) up to
 which the node continues to advise."""
 LONGEST_TEXT = 200
-"""Longest text, name or id (letters) of a message; a message with a longer one is rejected as implausible."""
+"""Longest text, name or id (characters) in a message; a message with a longer one is rejected as implausible."""
 LATEST_NS = 2**63 - 1
 """The latest time (ns since 1970) that a message can contain."""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -90,7 +90,7 @@ class Restriction:
     def counts_at(self, now_ns: int) -> bool:
         """Whether a plan made now (ns since 1970) must observe the restriction, wherever the train is.
 
-        It must do so from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
+        Plans must do so from `COUNTS_BEFORE_S` before the window opens to `COUNTS_AFTER_S` after it has closed.
         """
         from_ns, until_ns = self.counting_ns
         return from_ns <= now_ns < until_ns

@@ -46,7 +46,7 @@ class Altitudes(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """A place where trains stop. Its WGS 84 coordinates (deg) are None if the file has none."""
+    """A place where trains stop, with WGS 84 coordinates (deg; None if the file has none)."""
 
     name: str
     position_m: float
@@ -213,7 +213,7 @@ class Route(Summary):
     def midnight_ns(self, time_ns: int) -> int:
         """The midnight (ns since 1970) before a time, in the line's time zone.
 
-        It is twelve hours before noon: when clocks change, a timetable's day begins an hour before or after midnight.
+        The result is twelve hours before noon: if clocks change, a timetable's day begins an hour off midnight.
         """
         day = datetime.fromtimestamp(time_ns // 10**9, self.zone).date()
         noon = datetime(day.year, day.month, day.day, 12, tzinfo=self.zone)

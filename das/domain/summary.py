@@ -10,9 +10,9 @@ from das.domain.units import kwh_words
 
 
 class Summary(ABC):
-    """An object whose `repr` is one line and which a notebook shows as a table of a few rows instead of its arrays.
+    """An object with a `repr` of one line, which a notebook shows as a table of a few rows instead of its arrays.
 
-    A dataclass that inherits from it needs `repr=False`; otherwise its `repr` contains all fields.
+    A dataclass that inherits from this class needs `repr=False`; otherwise its `repr` contains all fields.
     """
 
     @abstractmethod

@@ -102,7 +102,7 @@ def kwh(energy_j: _Number) -> _Number:
 
 
 KWH_DIGITS: Final = 1
-"""Decimals of an energy in kWh, in all outputs for people; `finer` adds to them."""
+"""Number of decimals of an energy in kWh, in all outputs for people; `finer` adds to the number."""
 
 
 def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
@@ -114,7 +114,7 @@ def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
 
 
 def in_kwh(energy_kwh: float, *, signed: bool = False, finer: int = 0) -> str:
-    """Energy that is in kWh already, as `kwh_figure` prints it."""
+    """Energy that is in kWh already, in the form of `kwh_figure`."""
     return f"{energy_kwh:{'+' if signed else ''}z.{KWH_DIGITS + finer}f}"
 
 

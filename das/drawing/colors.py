@@ -12,7 +12,7 @@ LIMIT: Final = "#8c1d18"
 """The speed limit, wherever it is drawn on white."""
 SEVERAL: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 """Colours of runs or drives that are compared, or of groups, in their order: those of Okabe and Ito, which people with
-any colour vision can distinguish. They have no meaning in themselves; lines differ in style as well."""
+any colour vision can distinguish. No colour has a fixed meaning; lines differ in style as well."""
 LINES: Final = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)))
 """Line styles of runs or drives that are compared, in their order."""
 MODES: Final = {

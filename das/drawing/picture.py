@@ -34,7 +34,7 @@ LETTERS: Final = 100
 """Largest number of characters in a line of the title."""
 MINUTE_S: Final = 60.0
 NAME_APART: Final = 0.012
-"""Least distance, as a share of the axis, between the names of two stops; the second of closer ones is left out."""
+"""Least distance, as a share of the axis, between the names of two stops; of closer names, the second is left out."""
 ALTITUDE_MARGIN_M: Final = 5.0
 LEAST_RISE_M: Final = 0.5
 """Largest rise and fall (m) of a line that is drawn as flat."""
@@ -270,7 +270,7 @@ def _energy(axis: Any, shown: _Runs) -> None:
 
 
 def _clock(axis: Any, shown: _Runs) -> None:
-    """The time since the first departure, and the windows in which it must lie; windows of arrivals are hollow."""
+    """The time since the first departure, and the time windows of the journey; windows of arrivals are hollow."""
     for run, x, look in shown.drawn():
         begin_s = float(run.time_s[0])
         axis.plot(x, (run.time_s - begin_s) / MINUTE_S, linewidth=1.2, **look)

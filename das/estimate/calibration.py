@@ -1,7 +1,7 @@
 """Online calibration: mass and running resistance of the train from its motion under its measured forces.
 
 A Kalman filter learns the ratios of both to those of the planned train from one window of samples after the other. A
-wrong gain of the force sensor changes both equally, as another train would; three signs reveal it, each reported as a
+wrong gain of the force sensor changes both equally, as another train would; three signs reveal the gain, each as a
 doubt: a force that the train cannot have; coasting on known gradients, where the force is zero for any gain; and mass
 and resistance that are off by the same factor (docs/explanation/calibration.md).
 """
@@ -26,14 +26,14 @@ from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.line_profile import LineProfile
 
 SPEED_SD_MPS: Final = 0.05
-"""Least noise of a measured speed (one standard deviation); a window that scatters more is trusted less."""
+"""Least noise of a measured speed (one standard deviation); a window with more scatter has less weight."""
 FORCE_SD_RATIO: Final = 0.02
-"""The noise of each measured force, as a share of it (one standard deviation)."""
+"""The noise of each measured force, as a share of the force (one standard deviation)."""
 FRICTION_SD_RATIO: Final = 0.1
 """Systematic error (standard deviation, as a share) of the friction brake force, known only from cylinder pressures."""
 POSITION_M: Final = 40.0
-"""Error (m) that a position may have. A window is left out if its positions and speeds disagree by more about the
-distance run, or if it may have come as near a neutral section."""
+"""Error (m) that a position may have. A window is left out if the distances from its positions and from its speeds
+differ by more, or if the train may have come as near to a neutral section."""
 LINE_GRID_M: Final = 10.0
 """The step (m) with which the line is integrated along the track."""
 NORMAL_MAD = 0.6745
@@ -82,8 +82,8 @@ class LineIntegral:
     def window(self, t: Floats, s: Floats, v: Floats, force: Floats, friction: Floats) -> MeasuredWindow | None:
         """Return the means over a window, all with the weights that the slope of the speeds gives the accelerations.
 
-        Its samples, each (samples,), are times (s), positions of the head (m), speeds (m/s), whole wheel forces (N)
-        and the part of the friction brake in them (N).
+        The samples, arrays of shape (samples,), are times (s), positions of the head (m), speeds (m/s), total wheel
+        forces (N) and the part of the friction brake in them (N).
 
         The slope is Σc·v with c = (t − t̄)/Σ(t − t̄)². Summed by parts it is Σω·ā over the intervals between samples,
         with ω = Δt·Σ_later c. The result is None if the positions do not fit the speeds, or near a neutral section.
@@ -138,7 +138,7 @@ class MassAndResistance(NamedTuple):
 
 
 WINDOW_SAMPLES: Final = 20
-"""Samples of a window: at 1 Hz and 0.05 m/s of noise their slope gives the acceleration to 0.002 m/s²."""
+"""Number of samples in a window: at 1 Hz and 0.05 m/s of noise, their slope is the acceleration to 0.002 m/s²."""
 SAMPLE_EVERY_NS: Final = round(0.9 / NS)
 """Least time (ns) between samples; a nearer one is left out, so that a window takes about one a second."""
 LONGEST_GAP_NS: Final = round(2.5 / NS)
@@ -154,7 +154,7 @@ REPLAN_EVERY_S: Final = 120.0
 CERTAIN_SDS: Final = 3.0
 """Standard deviations above which a difference is significant."""
 IN_A_ROW: Final = 3
-"""Consecutive windows that count as evidence: of another resistance if surprising, of wrong forces if coasting."""
+"""Consecutive windows that are evidence: surprising ones of another resistance, coasting ones of wrong forces."""
 LINE_SD_RATIO: Final = 2e-4
 """Uncertainty of gradients and curves under the train, as a share of its weight (one standard deviation)."""
 PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
@@ -162,7 +162,7 @@ PRIOR_SD: Final = MassAndResistance(0.15, 0.3)
 CHANGE_SD: Final = MassAndResistance(0.05, 0.01)
 """Standard deviations of changes: of the mass at a stop (500 people in 440 t are 9 %), of the resistance by wind."""
 MODEL_SD: Final = MassAndResistance(0.005, 0.015)
-"""Standard deviation, which measuring does not reduce, of forces between samples and of the resistance model."""
+"""Standard deviations of errors that more samples do not reduce: forces between samples, and the resistance model."""
 USABLE_SD: Final = MassAndResistance(0.02, 0.08)
 """Largest standard deviations with which the estimates are usable."""
 STEP: Final = MassAndResistance(0.03, 0.05)
@@ -189,7 +189,7 @@ class ForceDoubt(StrEnum):
     GAIN = "gain"
     """Mass and resistance are off by the same factor, which a wrong gain of the sensor would explain as well."""
     FAR_MASS = "far-mass"
-    """The mass is far from the planned one: another train, or a wrong sensor. It is used, and reported."""
+    """The mass is far from the planned one: another train, or a wrong sensor. The mass is used and reported."""
 
 
 @dataclass(frozen=True, kw_only=True)

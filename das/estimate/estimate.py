@@ -11,16 +11,16 @@ from enum import IntEnum, StrEnum
 from typing import Final, NamedTuple
 
 STALE_AFTER_S: Final = 3.0
-"""Largest age (s) of the last fix, and largest lead over the clock, with which an estimate is used."""
+"""Largest age (s) of the last fix, and largest time (s) it may be ahead of the clock, for the estimate to be used."""
 LEAST_SD_M: Final = 0.5
 """Least standard deviation (m) of a position, whatever the sender states."""
 LEAST_SD_MPS: Final = 0.02
 """Least standard deviation (m/s) of a speed, whatever the sender states."""
 SPEED_LATE_S: Final = 1.75
-"""Delay (s) of a speed whose sender states no deviation: one standard deviation for receivers that filter their speeds
-(two recorded trips: 0.75 and 2.5 s)."""
+"""Standard deviation (s) of the delay of a measured speed, if the sender states no deviation of the speed: receivers
+filter their speeds (two recorded trips: delays of 0.75 and 2.5 s)."""
 OVERSPEED_RATIO: Final = 1.3
-"""Multiple of the train's largest speed above which a speed is a fault of the sensor."""
+"""Multiple of the train's largest speed above which a measured speed is treated as a sensor fault."""
 
 
 class Quality(IntEnum):
@@ -33,7 +33,7 @@ class Quality(IntEnum):
 
 
 class Deviations(NamedTuple):
-    """One standard deviation each of a measured position (m) and of a measured speed (m/s)."""
+    """The standard deviations of a measured position (m) and of a measured speed (m/s)."""
 
     position_m: float
     speed_mps: float
@@ -105,7 +105,7 @@ class ProblemKind(StrEnum):
     SPEED_IMPOSSIBLE = "speed-impossible"
     """The train cannot have the speed of the fix. The value is that speed (m/s)."""
     POSITION_IMPOSSIBLE = "position-impossible"
-    """No line has the position of the fix. The value is that position (m)."""
+    """The position of the fix is outside the range possible on any line. The value is that position (m)."""
     TOO_UNCERTAIN = "too-uncertain"
     """The fix states too large a standard deviation of its position to be of use. The value is that deviation (m)."""
     UNCERTAINTY_IMPOSSIBLE = "uncertainty-impossible"
@@ -113,7 +113,7 @@ class ProblemKind(StrEnum):
     SPEED_JUMPED = "speed-jumped"
     """The measured speed is too far from the expected one. The value is by how much it is higher (m/s)."""
     SPEED_UNIT = "speed-unit"
-    """The measured speeds are a multiple of what the positions cover. The value is the factor."""
+    """The measured speeds are those from the positions times the factor of a wrong unit. The value is that factor."""
     SPEED_UNCONFIRMED = "speed-unconfirmed"
     """The distance between the positions has not confirmed the measured speed yet. The value is that speed (m/s)."""
     JUMPED = "jumped"
@@ -166,7 +166,7 @@ class Estimate:
     restarts: int = 0
     """Restarts of the estimate because rejected fixes agreed with each other."""
     clock_off_s: float = 0.0
-    """Our clock less the time stamps of the fixes, as far as known (> 0: they are behind, or arrive late)."""
+    """Our clock minus the time stamps of the fixes, as far as known; > 0: stamps are behind, or fixes arrive late."""
 
     @property
     def usable(self) -> bool:

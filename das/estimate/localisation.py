@@ -39,7 +39,7 @@ LARGEST_POSITION_SD_M: Final = 50.0
 LARGEST_SPEED_SD_MPS: Final = 2.0
 """Largest standard deviation (m/s) of the speed with which an estimate is used."""
 RECOVERED_RATIO: Final = 0.7
-"""Share of the limits of uncertainty; an estimate that exceeded them is used again below it: no flickering advice."""
+"""Share of the limits of uncertainty below which an estimate that exceeded them is used again: no flickering advice."""
 CLOCK_FIXES: Final = 15
 """Number of fixes whose median delay is the difference, so that single delayed fixes do not count."""
 CLOCK_MEMORY_S: Final = 30.0
@@ -73,19 +73,19 @@ class ClockDifference:
         self._waiting: list[int] = []
         self._received: deque[tuple[int, float]] = deque(maxlen=CLOCK_FIXES)
         self.seconds = 0.0
-        """Our clock less the time stamps (s); > 0 if messages are late or the sensor's clock is behind."""
+        """Our clock minus the time stamps (s); > 0 if messages are late or the sensor's clock is behind."""
         self._newest_s = 0.0
 
     @property
     def doubt_s(self) -> float:
         """The possible error (s) of the age of the newest measurement.
 
-        It is the larger of the median and the newest difference; the newest measurement is the first to show a step.
+        This is the larger of the median and the newest difference, because the newest measurement first shows a step.
         """
         return max(abs(self.seconds), abs(self._newest_s))
 
     def set(self, step_s: float) -> None:
-        """Note that our clock was set by a time (s); ages are uncertain by it until the next measurement."""
+        """Note that our clock was set by a time (s); ages are uncertain by that time until the next measurement."""
         self._waiting.clear()
         self._received.clear()
         self._newest_s = step_s
@@ -128,7 +128,7 @@ class ClockSteps:
     def take(self, fix: PositionFix, x: Track, span_s: float) -> float:
         """Return by how much the clock was set since the fix before (s; 0: it was not).
 
-        The state `x` is that of the last accepted fix, and this one is stamped `span_s` after it.
+        The state `x` is that of the last accepted fix; the time stamp of `fix` is `span_s` later.
         """
         since_s = (fix.time_ns - self._stamp_ns) * NS if self._stamp_ns is not None else 0.0
         step_s = self._step_s(since_s, fix, x, span_s)
@@ -181,7 +181,7 @@ class Usability:
         """Return why a state cannot be used, or None.
 
         `age_s` is the age of its last fix, `rejection` why newer fixes were rejected. A stale state is used again when
-        fixes come often enough; one that was too uncertain, when it is well below the limits.
+        fixes come often enough; an uncertain state, when its uncertainty is well below the limits.
         """
         rare = self._stale and min(self._intervals_s) > STALE_AFTER_S
         self._stale = age_s > STALE_AFTER_S or rare

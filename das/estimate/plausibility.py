@@ -1,4 +1,4 @@
-"""Plausibility of a fix, by itself, against the estimate, and after other fixes; whether the train stands.
+"""Plausibility of a fix: by itself, against the estimate, and after other fixes; and whether the train stands.
 
 Rejected fixes that agree with each other show that the estimate was wrong, not the fixes.
 """
@@ -16,11 +16,11 @@ from das.estimate.estimate import SPEED_LATE_S, Deviations, PositionFix, Problem
 from das.estimate.track_filter import HARD_MPS2, Track, position_variance, speed_variance
 
 BACKWARDS_MPS: Final = -0.3
-"""Speed (m/s) below which the sensor has a fault; between it and 0 lies the noise of a standing train."""
+"""Speed (m/s) below which the sensor has a fault; a negative speed above it is noise of a standing train."""
 LARGEST_M: Final = 1e7
-"""Largest position or stated uncertainty (m); no line is 10 000 km long, so a larger one is a fault of the sensor."""
+"""Largest position or stated uncertainty (m); no line is 10 000 km long, so a larger value is a sensor fault."""
 LARGEST_STATED_SD_M: Final = 200.0
-"""Largest stated standard deviation (m) of a usable fix: a less certain one could lie anywhere and hide any jump."""
+"""Largest stated standard deviation (m) of a usable fix: a less certain fix could be anywhere and hide any jump."""
 GATE_SDS: Final = 5.0
 """Standard deviations above which a fix is rejected: noise exceeds them less than once in a million fixes."""
 GATE_LEAST_M: Final = 10.0
@@ -40,7 +40,7 @@ SETS_OFF_SDS: Final = 3.3
 CREEP_FIXES: Final = 5
 """Number of speeds whose mean also ends a standstill, although each alone may be noise."""
 FROZEN_WAY_M: Final = 2.0
-"""Distance (m) that the measured speeds add up to while the position stays the same; beyond it, it is frozen."""
+"""Distance (m) from the measured speeds beyond which a position that stays the same is frozen."""
 COARSE_SDS: Final = 4.0
 """Multiple of the position's standard deviation that the distance from the speeds must also exceed if the speeds still
 change: a coarse receiver repeats its position for a while."""
@@ -102,7 +102,7 @@ def _gate_m(x: Track, sds: Deviations) -> float:
 def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
     """Return whether one train can have been at both fixes.
 
-    Its speeds in between lie between the two measured ones; without a measured speed, any possible speed counts.
+    The train's speeds in between lie between the two measured ones; without a measured speed, any possible one counts.
     """
     span_s, way_m = (fix.time_ns - before.time_ns) * NS, fix.s_m - before.s_m
     speeds = [x for x in (before.speed_mps, fix.speed_mps) if not math.isnan(x)] or [0.0, fastest_mps]
@@ -127,7 +127,7 @@ class Doubts:
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to restart with it.
 
-        A fix that disagrees with the first or the last replaces them all; a fix not newer than the last is ignored.
+        A fix that disagrees with the first or the last one replaces them all; a fix not newer than the last is ignored.
         """
         first, last = self._first, self._last
         if first is None or last is None:
@@ -155,7 +155,7 @@ class Standstill:
     """Judges whether a train stands.
 
     A train stands after its speeds were near 0 for a while. It has set off when one speed is clearly higher, or when
-    several are somewhat higher. While no speed is measured, no train counts as standing.
+    the mean of several is somewhat higher. While no speed is measured, no train counts as standing.
     """
 
     def __init__(self) -> None:
@@ -216,7 +216,7 @@ class FrozenReceiver:
 
 
 OFF_FACTOR: Final = 1.4
-"""Largest ratio between a candidate factor and the scale from the whole distance, and likewise from the median step. A
+"""Largest ratio of a candidate factor to the scale by the whole distance, and to the scale by the median step. A
 jump of the position or a spinning wheel distorts only one of the two."""
 WINDOW_S: Final = 10.0
 """Length (s) of the window of fixes compared."""
@@ -225,7 +225,7 @@ FIRST_WINDOW_S: Final = 60.0
 OTHER_UNIT_PROBABILITY: Final = 0.5
 """Prior probability that a sender uses another unit."""
 LEAST_FIXES: Final = 4
-"""Number of fixes kept even if older than the window; no factor is found from fewer."""
+"""Number of fixes that are kept even if they are older than the window; fewer do not suffice to find a factor."""
 LONGEST_GAP_S: Final = 6.0
 """Longest gap (s) between two fixes that the comparison bridges; a longer one restarts it."""
 APART_SDS: Final = 4.0
@@ -255,11 +255,11 @@ class SpeedScale:
 
     @property
     def problem(self) -> Problem | None:
-        """The problem of every fix while the speeds are a multiple of those from the positions; else None."""
+        """The problem of every fix while the speeds have another unit than those from the positions; else None."""
         return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose speed, like those before it, is a multiple of the speed from the positions.
+        """Return the problem of a fix whose speed, like those before it, has another unit than that from the positions.
 
         The problem remains until the speeds match the distance again. Any fix may be passed, even a rejected one.
         """
@@ -304,7 +304,7 @@ class SpeedScale:
                 self.factor = factor
 
     def _weigh(self, way_m: float, said_m: float, sd_m: float) -> None:
-        """Weigh the nearest other units by how well each explains the distance (Bayes), whose deviation is `sd_m`."""
+        """Weigh the nearest other units by how well each explains the distance (Bayes); its deviation is `sd_m`."""
         least = 0.5 * ((way_m - said_m) / sd_m) ** 2
         nearest, odds, squares = math.inf, 0.0, 0.0
         for factor in NEAREST:

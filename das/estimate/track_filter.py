@@ -30,7 +30,7 @@ EFFORT_LASTS_S: Final = 60.0
 """Time (s) for which a driver holds an effort; the jerk density is 2·σ² divided by it, σ being half the largest
 acceleration or deceleration."""
 MANOEUVRE_SDS: Final = 3.0
-"""Deviation of a speed (standard deviations); beyond it the effort, and so the acceleration, may have changed."""
+"""Deviation of a speed (standard deviations) beyond which the effort, and so the acceleration, may have changed."""
 WANDER_S = 30.0
 """Time constant (s) with which the errors of a receiver's position and speed wander (assumption)."""
 SCALE_WANDER_S = 3600.0
@@ -255,7 +255,7 @@ class TrainMotion:
         return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state of a standing train at a fix: its position stays, and the fix does not move it."""
+        """Return the state of a standing train at a fix, which does not change the train's position."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
         return stand(x, span_s, wander_sd_m)
 
@@ -275,7 +275,7 @@ class TrainMotion:
     def _wandering_sd_m(self, fix: PositionFix) -> float:
         """Return the standard deviation of the part of a position's error that wanders.
 
-        The error of a degraded fix wanders no more than the previous fix's; the additional error is fresh noise.
+        The error of a degraded fix wanders no more than that of the previous fix; the additional error is fresh noise.
         """
         position_sd_m = deviations(fix).position_m
         if fix.quality is Quality.DEGRADED and self._wander_sd_m is not None:

@@ -20,9 +20,9 @@ LEAST_STEP_S = 0.05
 
 
 class WallClock:
-    """Real time, or a clock that a test injects: the node advises at its own rate, without being asked.
+    """Real time, or a clock that a test injects: the node advises at its own rate, without Control messages.
 
-    Outgoing messages have the time `now_ns` (ns since 1970), incoming ones are judged by `judged_at_ns`.
+    Outgoing messages have the time `now_ns` (ns since 1970); incoming messages are checked by `judged_at_ns`.
     """
 
     is_wall = True
@@ -33,7 +33,7 @@ class WallClock:
         self._began_s = self._ahead_s()
 
     def _ahead_s(self) -> float:
-        """The time of day less the monotonic seconds (s)."""
+        """The time of day minus the monotonic seconds (s)."""
         return self.now_ns() * NS - self._seconds()
 
     def set_by_s(self) -> float:
@@ -131,7 +131,7 @@ class Node:
             self.tick(control.time_ns, control.tick)
 
     def look_around(self) -> None:
-        """Tell the cab if the clock was set, and which publishers (also other nodes of this train) came or went."""
+        """Report to the cab that the clock was set, and which publishers (or other nodes of the train) came or went."""
         now_ns = self.clock.judged_at_ns()
         if step_s := self.clock.set_by_s():
             self.publish(self.cab.hear(ClockSet(step_s=step_s, heard_ns=now_ns)))
@@ -143,7 +143,7 @@ class Node:
             self.publish(self.cab.hear(seen))
 
     def catch_up(self) -> None:
-        """Take the messages that are already on the bus; a node that is restarted finds its journey there."""
+        """Take the messages that are already on the bus, such as the journey of a node that was restarted."""
         for _ in range(CAUGHT_UP):
             received = self.bus.receive(0.0, skip_outdated=True)
             if received is None:

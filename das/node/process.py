@@ -40,7 +40,7 @@ WAITING_SAID_EVERY_S = 1.0
 SWITCH_S = 0.0005
 """Python's switch interval (s): the time for which the thread that solves a front may delay the one that advises."""
 M_MMAP_THRESHOLD, MAPPED_FROM_BYTES = -3, 1_000_000
-"""Parameter of glibc's mallopt: blocks of so many bytes or more are returned to the system when freed."""
+"""Parameter of glibc's mallopt, and its value: freed blocks of at least so many bytes are returned to the system."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

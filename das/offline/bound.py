@@ -1,5 +1,5 @@
 """Proven lower bounds of energy (`docs/explanation/bounds.md`): the convex relaxation of a section's runs, with every
-limit rounded to the safe side, and the certificate that it gives a run.
+limit rounded to the safe side, and the certificate of a run.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Floats = NDArray[np.float64]
 
 LEAST_FORCE_N: Final = 0.1
 """Force (N) that the relaxation allows a train without motors or electric brake: the set of allowed forces then has an
-interior, as the method requires, and over 10 km it is worth only 0.0003 kWh."""
+interior, as the method requires, and over 10 km such a force yields only 0.0003 kWh."""
 LEAST_POWER_W: Final = 1.0
 """The least power (W) of motors and of the electric brake, for the same reason."""
 LEAST_START_SHARE: Final = 0.05
@@ -141,8 +141,8 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
 class _Resistance:
     """Resistance over an interval: at least constant_n + linear/τ + quadratic·(w0 + w1), in N.
 
-    Where the linear part is negative (a tail wind), the mean speed is bounded from above by a tangent of the square
-    root, which is linear in w. `highest_n` and `lowest_n` bound the resistance of every run.
+    If the linear part is negative (a tail wind), the mean speed is bounded from above by a tangent of the square root;
+    the tangent is linear in w. `highest_n` and `lowest_n` bound the resistance of every run.
     """
 
     constant_n: Floats
@@ -360,7 +360,7 @@ def behind_fastest(task: Task) -> Task:
 def _bend_of_curve(train: TrainParams) -> float:
     """The largest change of the force of the traction's effort curve with v²/2 (N/(m²/s²)); 0 without a curve.
 
-    It is the slope of the curve divided by the speed, and infinite if the force changes from standstill on.
+    This is the slope of the curve divided by the speed, and infinite if the force changes from standstill on.
     """
     if not train.has_curves:
         return 0.0
@@ -380,7 +380,7 @@ def _never_slips(train: TrainParams) -> bool:
 
 
 def _keeps_acceleration(task: Task) -> bool:
-    """Whether the brakes can hold the train to its largest acceleration on every descent, if it has such a limit."""
+    """Whether the brakes can keep the train within its largest acceleration on every descent, if it has one."""
     train, line = task.section.train, task.line
     lowest_n = train.c0_n + line.constant_n + min(train.c1_n_per_mps, 0.0) * float(task.envelope_mps.max())
     limits = acceleration_limits(task, lowest_n)
@@ -401,7 +401,7 @@ TERMS_RATIO: Final = 1e-9
 """Share of the magnitudes of its terms by which the bound is lowered, to cover rounding errors."""
 LEAST_PRICE: Final = 1e-3
 LARGEST_PRICE: Final = 1e3
-"""Range of the first price of time, in units of force times speed."""
+"""Largest first price of time, in units of force times speed."""
 
 
 class ProvenBound(NamedTuple):

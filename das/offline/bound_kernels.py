@@ -131,9 +131,9 @@ def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
 def loss_planes(force_at, state, price_w, ends_tau, rows, out):
     """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
 
-    A plane's slope in the force is that of the map, its slope in the slowness one of several secants, and a share of it
-    and of the price of time is shifted to the kinetic energy. Of all these planes, which are valid for slownesses
-    between `ends_tau` (two arrays, n), the highest at the state is taken.
+    A plane's slope in the force is that of the map, its slope in the slowness that of one of several secants; a share
+    of the latter and of the price of time is shifted to the kinetic energy. Of all these planes, which are valid for
+    slownesses between `ends_tau` (two arrays, n), the highest at the state is taken.
     """
     low_tau, high_tau = ends_tau
     size = rows.tau.size
@@ -246,7 +246,7 @@ FIXED_ROWS = 10
 def constraints(k, z, free0, free1, program: Program, c, slope):
     """Fill the constraints `c` (rows,) and their slopes (rows, 5) of interval k at the local variables z.
 
-    `free0` and `free1` say whether the speeds at the two nodes are variables; a fixed speed has no slope.
+    `free0` and `free1`: whether the speeds at the two nodes are variables; a fixed speed has no slope.
     """
     w0, w1, tau, f, e = z[0], z[1], z[2], z[3], z[4]
     h = program.motion.step_m[k]
@@ -395,7 +395,7 @@ _LEAST_SLACK = 0.01
 _CENTRE = 0.1
 """Product of slack and multiplier of a constraint at the first point, per metre of the interval."""
 _PATIENCE = 5
-"""Consecutive steps without a higher bound after which the search ends, once it has a useful one."""
+"""Number of consecutive steps without a higher bound after which the search ends, once it has a useful bound."""
 _USEFUL = 2e-4
 """Ratio by which a useful bound may lie below the energy of the point."""
 _FEASIBLE = 1e-5

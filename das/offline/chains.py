@@ -42,7 +42,7 @@ Floats = NDArray[np.float64]
 class JourneySection:
     """A section between two stops of a journey.
 
-    `passings` are those whose windows and speeds are enforced; `wishes` are only reported.
+    `passings` are the points with enforced windows and speeds; `wishes` are only reported.
     `places` holds the integration nodes of the start, the passings and the end, `least_s` the times at which the
     fastest trajectory reaches them and `fastest_mps` its speeds at all nodes.
     """
@@ -286,7 +286,7 @@ class Timeline:
         )
 
     def describe(self, tight: Tight) -> str:
-        """An event and the bound at which it is held; the ends of the timeline have the names of their stops."""
+        """An event and the bound at which it is held, as text; the ends of the timeline are named after their stops."""
         index, time_s = tight
         event = self.events[min(max(index, 1), len(self.events) - 2)]
         return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
@@ -479,7 +479,7 @@ class Chains:
         return self._solved[key]
 
     def missed(self, begin: Tight, end: Tight, late_s: float) -> InfeasibleError:
-        """The error for an end that every run misses by `late_s` seconds (early < 0)."""
+        """The error for an end that every run misses by at least `late_s` seconds (early < 0)."""
         run = "the fastest run" if late_s > 0 else "even the slowest run in time for what follows"
         kind = "tight" if late_s > 0 else "late"
         return InfeasibleError(
@@ -520,7 +520,7 @@ class Chains:
         return Ahead(speed_mps=_grid_mps(first.section, 0), value_j=cost_j, least_mps=self._least_speed(span, parts))
 
     def _dual_j(self, span: TightSpan, parts: Parts, first_j: Floats) -> Floats:
-        """The least cost of a span less λ·its time (J), for each λ, if its first stretch costs `first_j` (…, L)."""
+        """The least cost of a span minus λ·its time (J), for each λ, if its first stretch costs `first_j` (…, L)."""
         tables = [self.fronts.table(stretch, parts.get(stretch), 0.0) for stretch in span.stretches[1:]]
         fixed_j = self.fronts.ladder_w * (span.least_wait_s - span.time_s)
         total_j = first_j + sum((table.total_j for table in tables), fixed_j)

@@ -60,8 +60,8 @@ class PricedTimeline:
     def certificate(self, runs: Sequence[Trajectory]) -> Certificate:
         """The certificate of a journey whose sections are driven by `runs`.
 
-        The bound is the least of energy + price·time of every section, less the prices times the longest times that the
-        windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
+        The bound is the least of energy + price·time of every section, minus the prices times the longest times that
+        the windows allow (`docs/explanation/bounds.md`). Windows count with the tolerance to which a plan keeps them.
         """
         allowed_s = self._allowed_s
         if not np.isfinite(self.price_w).all():
@@ -135,7 +135,7 @@ class PassedAt:
 
     @property
     def missed_s(self) -> float:
-        """The deviation (s; late > 0) from a wish beyond its tolerance; 0 for a passing that is enforced."""
+        """The deviation (s; late > 0) from a wish in excess of its tolerance; 0 for a passing that is enforced."""
         return self.passing.missed_s(self.timing.time_s) if self.passing.wish else 0.0
 
 
@@ -285,7 +285,7 @@ class JourneyPlanner:
         self._check_reachable()
 
     def plan(self, split: Split = Split.EQUAL_MARGINAL) -> JourneyPlan:
-        """Plan the journey: every time lies in its window, and `split` shares the time between two tight times (only
+        """Plan the journey: every time lies in its window, and `split` divides the time between two tight times (only
         the default is the optimum).
 
         Runs take their times to within `JOURNEY_TIME_TOLERANCE_S`; windows are kept to within `TIME_TOLERANCE_S`.

@@ -1,9 +1,9 @@
 """Refinement: a trajectory of the table is improved in a narrow tube around it, with the same arrival.
 
-The table has a decision every 150 m or more often, among about two hundred speeds. Its trajectories are near the
+The table has decision nodes at most 150 m apart, with about two hundred speeds at each. Its trajectories are near the
 optimum of the section, but not optimal. `refined` places a few lines on each side of the trajectory, finds the best
 trajectory between them by a dynamic program on the section's own integration grid (`das.offline.tube_kernels`), places
-narrower lines around that, and so on. The price of time is chosen in every pass so that the arrival stays the same.
+closer lines around that trajectory, and so on. Every pass chooses the price of time that keeps the arrival the same.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from das.solver.state import RollOut, State
 from das.solver.warm_up import warm_up
 
 LINES: Final = 3
-"""Lines on each side of the trajectory. Seven lines in total find what thirteen do, in a third of the time."""
+"""Lines on each side of the trajectory. Seven in total give the same result as thirteen, in a third of the time."""
 REFERENCE_SPEED_MPS: Final = 20.0
-"""Speed (m/s) at which widths hold. Lines are even in v², because a constant shift in v² leaves the force unchanged."""
+"""Speed (m/s) for which widths are given. Lines are even in v²: a constant shift in v² leaves the force unchanged."""
 CLOSED_RATIO: Final = 2e-4
 """Least saving of a round, as a share of the energy, for another round to follow."""
 MOST_TRIALS: Final = 8
 """Largest number of prices of time that are tried in a pass."""
 EARLY_S: Final = 1e-3
-"""Largest earliness (s) of the refined trajectory against the given one; it is never later."""
+"""Largest earliness (s) of the refined trajectory against the given one; the refined one is never later."""
 MOST_BLENDS: Final = 20
 """Largest number of blends of two trajectories that are tried in a pass."""
 TANGENT_RATIO: Final = 3e-4
-"""Share of its energy by which a blend that begins a refinement may lie above the tangents at its neighbours."""
+"""Share of its energy by which a blend that begins a refinement may exceed the front's tangents at its neighbours."""
 
 Floats = NDArray[np.float64]
 
@@ -58,12 +58,12 @@ class RefinementSettings:
     passes: int = 12
     """Passes of a round; the last one has lines 2 mm/s apart."""
     knot_m: float = 100.0
-    """Distance (m) of the knots, where the train may change its line, in the first pass. Knots move together as the
-    lines do, so that a change of line stays a gentle change of force. In the end every node is a knot."""
+    """Distance (m) of the knots, where the train may change its line, in the first pass. Knots become closer in step
+    with the lines, so that a change of line stays a gentle change of force. In the end every node is a knot."""
     most_rounds: int = 3
     """Most rounds of all passes; another follows while the last has saved more than `CLOSED_RATIO`."""
     blend_loss_ratio: float = 1e-6
-    """Largest saving (share of energy) by a price between the prices of two trajectories for which both are blended."""
+    """Largest share of the energy that a price between those of two trajectories may save if they are to be blended."""
 
 
 SETTINGS: Final = RefinementSettings()
@@ -107,7 +107,7 @@ class Refinement:
         self.given = self.search.known(run.v_mps, solution.lambda_w)
 
     def settled(self, best: TubeRun) -> Solution:
-        """A trajectory that was found, as a solution; the given solution if it is not better."""
+        """The solution of a trajectory that was found; the given solution if the trajectory is not better."""
         given = self.solution
         if best is self.given:
             return given
@@ -130,7 +130,7 @@ def warm_up_refinement() -> None:
 
 
 class TubeSearch:
-    """Improves trajectories from a state that are to take `wanted_s`, tube by tube."""
+    """Improves a trajectory that starts from a state and is to take `wanted_s`, in ever narrower tubes."""
 
     def __init__(self, state: State, wanted_s: float, settings: RefinementSettings = SETTINGS) -> None:
         self.state, self.wanted_s, self.settings = state, wanted_s, settings
@@ -154,7 +154,7 @@ class TubeSearch:
         return run
 
     def _one_pass(self, run: TubeRun, width: float) -> TubeRun:
-        """The best trajectory in time within a tube around a given one; `width` is relative to the first tube's."""
+        """The best trajectory in a tube around a given one, never late; `width` is relative to the first tube's."""
         tube = self.tube_around(run.speeds_mps, width)
         shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
         moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
@@ -211,7 +211,7 @@ class TubeSearch:
         return slow, quick
 
     def _is_enclosed(self, slow: TubeRun, quick: TubeRun) -> bool:
-        """Whether the prices of two trajectories are so close that the possible gain between them is negligible."""
+        """Whether one of two trajectories is within `EARLY_S` of the wanted time, or any gain between is negligible."""
         late, early = slow.time_s - self.wanted_s, self.wanted_s - quick.time_s
         if min(late, early) <= EARLY_S:
             return True
@@ -264,9 +264,9 @@ def _shares(node_m: Floats, knot: NDArray[np.int64]) -> Floats:
 
 QUICK: Final = replace(SETTINGS, shrink=0.45, passes=8, most_rounds=1, blend_loss_ratio=1e-5)
 """A third of the passes of a single trajectory: 0.001 % of the energy remains unsaved on average, and 0.05 % where the
-best trajectories change their kind."""
+sequence of modes in the best trajectories changes."""
 NARROW: Final = replace(QUICK, widest_mps=0.3, knot_m=15.0, shrink=0.3, passes=3)
-"""Three passes, beginning as narrow as a single trajectory's late passes: enough for a blend of near neighbours."""
+"""Three passes, the first as narrow as the later passes of `SETTINGS`: enough for a blend of near neighbours."""
 
 
 def refined_runs(
@@ -278,8 +278,8 @@ def refined_runs(
     """Solutions of one section from its start, each refined: never later and never with more energy than before.
 
     First the trajectories of the shortest and of the longest time are refined, then always the middle one between two
-    finished ones; last the trajectory of least energy, whose time was not requested. `watch` is called with the index
-    of each one that is finished.
+    finished ones; last those whose time was not requested: the one of least energy, and the fastest, which remains
+    unchanged. `watch` is called with the index of each one that is finished.
     """
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))

@@ -65,7 +65,7 @@ class Tube(NamedTuple):
 class TubeMoves(NamedTuple):
     """Moves from every line of every knot (knots − 1, lines, moves): first to each line, then the specials.
 
-    `energy_j` (INFEASIBLE if the train cannot make the move) and `time_s` are their costs, `below` the line below the
+    `energy_j` (INFEASIBLE if the train cannot make the move) and `time_s` are the costs, `below` the line below the
     landing and `share` the share of the line above it.
     """
 
@@ -76,7 +76,7 @@ class TubeMoves(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """Pairs of a line at a knot and one at the next knot, by their v², and the cost of a move between them.
+    """Pairs of a line at a knot and a line at the next knot, given by v², and the cost of the move between them.
 
     `energy_j` is INFEASIBLE if the train cannot make the move. `least_n` and `largest_n` are the least and the largest
     wheel force of a move. `barred` is 1 for a pair that is no move.
@@ -332,8 +332,8 @@ def tube_sweep(price, moves, value):
 def tube_roll_out(price, tube, line, p, c, value, v):
     """The trajectory of a price of time through the tube: at every knot the best move from the train's own speed.
 
-    Fills `v` with its speeds at the integration nodes; returns its energy (J) and time (s), or (0, −1) if no move
-    leads on.
+    Fills `v` with the speeds at the integration nodes; returns energy (J) and time (s), or (0, −1) if no move is
+    possible from a knot.
     """
     size = 2 * tube.lines + 1
     last = tube.knot.size - 2

@@ -22,7 +22,7 @@ from das.domain.files.writing import new_file
 from das.recorder.command import FileMade, RecorderOptions
 
 MOST_WAITING = 20_000
-"""Largest number of messages that may wait while the disk is slow; beyond it the oldest are lost and counted."""
+"""Largest number of messages that may wait while the disk is slow; of more, the oldest are lost and counted."""
 LISTENS_S = 0.1
 """Longest time (s) for which the recorder waits for a message before it checks its clock."""
 SILENT_S = 10.0

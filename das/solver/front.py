@@ -34,7 +34,7 @@ blended instead of trying a multiplier between theirs."""
 MAX_BLENDS: Final = 40
 """Largest number of blends tried."""
 LEAST_SHARE: Final = 0.02
-"""Least distance of the next trial from both ends, as a share of the interval; it ensures that the interval shrinks."""
+"""Least distance of the next trial from both ends, as a share of the interval, so that the interval always shrinks."""
 
 Floats = NDArray[np.float64]
 
@@ -99,8 +99,8 @@ class Front(Summary):
     ) -> Solution:
         """The trajectory of least energy that takes `time_s` from a state (by default from the start of the section).
 
-        For a time below the minimum it is the fastest trajectory (`Fit.LATE`), for a time too long to save more energy
-        the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within `tolerance_s`.
+        For a time below the minimum this is the fastest trajectory (`Fit.LATE`), for a time too long to save more
+        energy the trajectory of least energy (`Fit.EARLY`). Otherwise the time is met to within `tolerance_s`.
 
         Raises DasError for a state outside the section or a time that is not positive, InfeasibleError if the train
         cannot reach the end of the section from the state.
@@ -203,13 +203,13 @@ class TimeSearch:
         )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
-        """A slow and a quick trial that can be blended; None for the slow one if the smallest multiplier is early."""
+        """A slow and a quick trial to blend; None for the slow one if the least multiplier gives an early arrival."""
         slow, quick = None, None
         above, below, kept = 0.0, 0.0, 0
         place, step = self._place(self.time_s), FIRST_STEP
         for _ in range(MAX_ROLL_OUTS):
             trial = self.attempt(place)
-            # An end kept twice in a row is weighted by half, which makes both ends move.
+            # An end that is kept twice in a row gets half of its weight, so that both ends move.
             if trial.miss_s > 0:
                 slow, above, below, kept = trial, trial.miss_s, below * (0.5 if kept > 0 else 1.0), 1
             else:

@@ -384,7 +384,7 @@ def _planned_envelope(
 ) -> Floats:
     """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
 
-    A limit also counts if the train may be within its extent because of the uncertainty of its position. Raises
+    A limit also counts where the train may be within the extent of the limit by the error of its position. Raises
     InfeasibleError if the service brake cannot hold the train on a descent.
     """
     node_m, beside_m = profile.node_m, braking.deviation_m

@@ -148,7 +148,7 @@ def usable_power_w(section: Section) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transitions:
-    """Moves from the speeds of some decision nodes to those of the next nodes (see `Moves`); none depends on λ."""
+    """Moves from the speeds of some decision nodes to those of the next nodes (see `Moves`), independent of λ."""
 
     time_s: NDArray[np.float32]
     energy_j: Floats

@@ -6,14 +6,14 @@ from typing import Final
 
 # Length of the decision steps (see `das.solver.line_profile`).
 STEP_S: Final = 3.2
-"""Longest time (s) of the fastest run over a decision step where the line changes every `USUAL_APART_M`."""
+"""Longest time (s) of the fastest run over a decision step if the line changes every `USUAL_APART_M`."""
 USUAL_APART_M: Final = 1000.0
 """Usual distance (m) between changes of limit or gradient. With a distance d between changes, the steps are multiplied
 by the cube root of (d / `USUAL_APART_M`), because closely spaced changes require more switches."""
 DENSE_FACTOR: Final = 0.3
-"""Least factor on the steps where changes are dense."""
+"""Least factor on the length of decision steps: where the line changes often."""
 SPARSE_FACTOR: Final = 1.5
-"""Largest factor on the steps where changes are sparse."""
+"""Largest factor on the length of decision steps: where the line changes rarely."""
 STEEP_CHANGE_RATIO: Final = 0.01
 """Least difference of gradients that counts as a change; it changes the acceleration by 0.1 m/s²."""
 MAX_STEP_M: Final = 150.0
@@ -60,7 +60,7 @@ time is at least ten times that power; without the last multipliers, such a run 
 LADDER_IDLE_RATIOS: Final = (0.99, 0.95, 0.8, 0.5, 0.2)
 """Multiples of the train's idle loss that, negated, are the negative multipliers of a journey's ladder. They serve time
 windows that require a run slower than the run of least energy. At minus the whole idle loss standing would cost
-nothing, so the first of them gives the slowest run."""
+nothing, so the first multiplier, close to it, gives the slowest run."""
 
 # The planning of a journey of several sections.
 JOURNEY_FRONTS_BYTES: Final = 400_000_000
@@ -84,7 +84,7 @@ UNREACHABLE: Final = 1e16
 INFEASIBLE: Final = 1e30
 """The cost (J) of a state from which the section cannot be finished; finite, to allow interpolation."""
 SMALLEST_SHARE: Final = 1e-9
-"""Interpolation weight up to which it is treated as a rounding error, that is, as 0."""
+"""Interpolation weight up to which the weight is treated as a rounding error, that is, as 0."""
 CREST_MPS: Final = 0.05
 """Lowest planned speed (m/s) at a crest; a train at exactly the floor speed would stop there."""
 SLOWEST_LIMIT_MPS: Final = 2.0

@@ -16,7 +16,7 @@ MARGIN_LEAST_S: Final = 2.0
 MARGIN_MOST_S: Final = 12.0
 """The largest margin (s) to either end of a timing point's window."""
 MARGIN_DEVIATIONS: Final = 1.5
-"""The margin, in standard deviations of the train's drift against the reference."""
+"""The margin as a multiple of the standard deviation of the train's drift against the reference."""
 DRIFT_S_PER_MIN: Final = 2.0
 """The drift assumed before any measurement: standard deviation of the seconds gained or lost per minute."""
 SAMPLED_S: Final = 20.0
@@ -30,9 +30,9 @@ BRAKING_RATIO: Final = 0.2
 LAST_S: Final = 150.0
 """The last part of the run (s), whose usual loss the reserve covers; new references make up for earlier losses."""
 VARIANCE_S: Final = 4.0
-"""The variance of a loss (s²), divided by the loss (s)."""
+"""The ratio (s) of the variance of a loss (s²) to the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
-"""Usual loss (s) after which a driver's measured loss has its weight; it is reached before the first stop."""
+"""Usual loss (s) after which a driver's measured loss weighs half; it is reached before the first stop."""
 ON_CURVE_MPS = 0.05
 """The distance (m/s) from the braking curve up to which the fastest run counts as braking while its speed falls."""
 

@@ -32,7 +32,7 @@ from das.domain.units import KMH
 from das.solver.kernels.schedule import BACK_SHARE
 
 WORTH_S = 40.0
-"""The least time (s) to the next step for which an acceleration back to a speed is shown; else it would be wasted."""
+"""The least time (s) to the next step with which an acceleration back to a speed is worthwhile and shown."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
 """The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
 the motors alone if they slow the train."""
@@ -53,7 +53,7 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; an earlier step only if the train proves to be far before this one."""
+    """The memory at the step in force here; a step before the remembered one only if the train is far before that."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
@@ -140,7 +140,7 @@ def reachable_mps(scene: Sight, number: int) -> float:
 
 
 def _accelerating(scene: Sight, memory: Memory, step: GuideStep, to_mps: float) -> Instruction:
-    """The acceleration of a step; a hold if it would gain too little time before a brake that follows soon."""
+    """The acceleration of a step; a hold if accelerating would gain too little time before a brake that is due soon."""
     state, shown = scene.state, memory.shown
     if shown.mode in TRACTION or not is_vain(scene, memory.step):
         return traction(step.effort, to_mps)
@@ -175,7 +175,7 @@ def _brakes_m(scene: Sight, number: int) -> float:
 
 
 class _Leads(NamedTuple):
-    """The result of coasting: the speeds on the way, and the highest speed that may be named for its end."""
+    """The result of coasting: the speeds on the way, and the highest end speed of coasting that may be shown."""
 
     end_m: float
     speeds_mps: Floats
@@ -190,7 +190,7 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """The proposal to coast to the end speed of coasting, or to hold it if that is as good or it is reached soon."""
+    """The proposal to coast to the end speed of coasting, or to hold that speed if this is as good or it is near."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -235,7 +235,7 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
 
 
 def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) -> float:
-    """The speed to name to a driver who coasts: the shown or planned one if near the end speed, else the end speed."""
+    """The speed to show to a driver who coasts: the shown or planned one if near the end speed, else the end speed."""
     ends_mps = float(leads.speeds_mps[-1])
     goes_on = shown.mode is Regime.COAST and shown.speed_mps <= leads.highest_mps + SAME_READING_MPS
     for told in (shown.speed_mps if goes_on else math.nan, step.speed_mps):

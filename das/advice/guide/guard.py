@@ -24,7 +24,7 @@ the least. A driver who sees a brake earlier brakes early; an astray train needs
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 SHORT_M = 8.0
-"""The distance (m) that is clearly short of the mark, and from which a creeping train is shown a brake."""
+"""The distance (m) before the mark at which a train stands clearly short, and a creeping one is shown a brake."""
 BRAKED_MPS = 0.9
 """Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
 HELD_MPS2 = 0.5
@@ -181,11 +181,11 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     if one.mode is Regime.COAST:
         rolls = foreseen_brake(scene, one, wanted.in_s)
         if rolls is None or rolls.in_s > lead_s - SOONER_S:
-            return wanted  # The train slows down enough by itself.
+            return wanted  # The train slows down enough without a brake.
         waits_s = rolls.in_s
     waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
     lowest_mps = ahead.lowest_mps(state.braked_m, soon_mps * lead_s)
-    if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake so early.
+    if waits_s > lead_s and lowest_mps > v_mps:  # Only a faster train would have to brake this early.
         return _no_faster(wanted, target_below(lowest_mps), v_mps)
     needed = ahead.needed(state.braked_m + v_mps * waits_s, soon_mps if one.mode is Regime.COAST else v_mps)
     above_mps = v_mps - ahead.allowed_mps(state.braked_m)

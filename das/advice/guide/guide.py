@@ -31,7 +31,7 @@ from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 NEAR_M = 4000.0
-"""The distance (m) within which the limit or stop that an instruction leads to is named."""
+"""The distance (m) within which the reason names the limit or stop that an instruction leads to."""
 BESIDE_M = 100.0
 """The largest distance (m) of a limit beyond the end of the phase that slows down for it."""
 BINDS_MPS = 10.0 * KMH
@@ -39,13 +39,13 @@ BINDS_MPS = 10.0 * KMH
 SLOWED_S = 30.0
 """The largest delay (s) of a passing after its earliest time at which the point can be the reason for slowing."""
 SAID_LATE_S = 30.0
-"""The least lateness or earliness (s) that is named: a driver cannot correct less."""
+"""The least lateness or earliness (s) stated in a reason: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
-"""The change (s) from which a named lateness is updated: a figure that changes often is not read."""
+"""The change (s) from which a stated lateness is updated: a figure that changes often is not read."""
 NEWS_S = 20.0
 """The time (s) for which the reason names a restriction that was received on the way and changed the reference."""
 ARRIVING_M = 500.0
-"""The last distance (m) before the stop, over which the time of arrival is not named."""
+"""The last distance (m) before the stop, over which the time of arrival is not stated."""
 CREEPS_M = 100.0
 """The last distance (m) before the stop, over which a train too slow for any reference creeps to it."""
 SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
@@ -172,7 +172,7 @@ class Guide:
     def _said_arrival_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
         """The lateness at arrival as shown (s): the last value until it is off by `SAID_ANEW_S`.
 
-        It is 0, and so not named, for a train that stands or is almost there.
+        The value is 0, and so not stated, for a train that stands or is almost at its stop.
         """
         if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
             return 0.0

@@ -37,7 +37,7 @@ LEAST_AGE_S: Final = 20.0
 QUIET_S: Final = 10.0
 """The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
 DUE_SOON_S: Final = 8.0
-"""The time (s) before a change of instruction with the rule of `QUIET_S`, so that changes come as announced."""
+"""The time (s) before a change of instruction in which the rule of `QUIET_S` applies: changes come as announced."""
 ARRIVED_S: Final = 30.0
 """The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
@@ -105,7 +105,7 @@ class _Gain(NamedTuple):
 
 
 class _Asked(NamedTuple):
-    """A request for a new reference; `doubted`: it replaces the present one, which could stay, only if it is better."""
+    """A request for a new reference; `doubted`: the present one could stay, and is replaced only by a better one."""
 
     cause: ReplanCause
     doubted: bool
@@ -181,7 +181,7 @@ class Keeper:
         return self._answered(asked, kept, state, goal)
 
     def arrival_late_s(self, kept: Kept, state: TrainState, goal: Goal) -> float:
-        """The likely lateness (s; early < 0) of the arrival; one early by at most the reserve counts as on time."""
+        """The likely lateness (s; early < 0) of the arrival; earliness up to the reserve counts as on time."""
         late_s = kept.forecast.time_s - goal.left_s(state.now_ns)
         return late_s + min(self._loss_s(state, goal), max(-late_s, 0.0))
 
@@ -191,7 +191,7 @@ class Keeper:
         return self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO)
 
     def _aimed_s(self, state: TrainState, goal: Goal) -> float:
-        """The time (s) left for a reference, less a reserve for the driver's loss of at most the time to spare."""
+        """The time (s) left for a reference, minus a reserve for the driver's loss, which is at most the spare time."""
         left_s = goal.aimed_s(state.now_ns)
         spare_s = left_s - least_time_s(self._section, state.s_m, state.v_mps)
         return left_s - min(self._loss_s(state, goal), max(spare_s, 0.0))

@@ -82,7 +82,7 @@ class Memory:
         return next((old.since_ns for old in self.announced if old.is_of(one, due_ns)), now_ns)
 
     def noted(self, following: tuple[Instruction, ...], now_ns: int) -> tuple[Notice, ...]:
-        """The announcements with the new ones; one that was dropped, or has moved too far, counts from now."""
+        """The announcements with the new ones; an instruction that was dropped, or moved too far, counts from now."""
         said: list[Notice] = []
         for one in following:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
@@ -113,7 +113,7 @@ def brake(effort: float, to_mps: float) -> Instruction:
 
 
 def alike(one: Instruction, other: Instruction) -> bool:
-    """Whether two instructions are of one kind and lead to one speed."""
+    """Whether two instructions are of the same kind and lead to the same speed."""
     same = KIND_OF.get(one.mode) is KIND_OF.get(other.mode) is not None
     return same and abs(one.speed_mps - other.speed_mps) < SAME_MPS
 

@@ -72,14 +72,14 @@ def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
 
 
 def _aimed_s(front: GuideFront, wanted: Wanted, state: State, told: int) -> float:
-    """The time left (s) less as much of the reserve as its price allows."""
+    """The time left (s) minus as much of the reserve as its price allows."""
     if wanted.reserve_s <= 0.0:
         return wanted.left_s
     return _less_reserve_s(wanted, front.run(state, (PolicyFrom(state.first_node, front.dearest),), told).time_s)
 
 
 def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
-    """The time left less the reserve (s), but at least the time of the run whose price of time is the reserve's."""
+    """The time left minus the reserve (s), but at least the time of the run at the highest price of a reserve."""
     return min(max(wanted.left_s - wanted.reserve_s, dearest_s), wanted.left_s)
 
 

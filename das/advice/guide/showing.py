@@ -65,7 +65,7 @@ IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 AHEAD = 2
 """The number of changes shown after the present instruction."""
 BEGUN_M = 1.0
-"""Largest distance (m) ahead of a place of the beginning of a limit that already applies at the place."""
+"""Largest distance (m) from a place to the beginning of a limit ahead that already applies at the place."""
 
 
 class Showing:
@@ -85,7 +85,7 @@ class Showing:
         self._memory = replace(self._memory, shown=Instruction(), mode=Lead.SILENT, back=None)
 
     def has_shown(self, now: Instruction, now_ns: int) -> None:
-        """Note a brake that was shown at a time (ns) but not chosen here; other kinds are not kept."""
+        """Note a brake that was shown at a time (ns) but not chosen here; other instructions are ignored."""
         if now.mode in BRAKES and self._memory.shown.mode not in BRAKES:
             self._memory = replace(self._memory, shown=now, since_ns=now_ns, due_ns=now_ns)
 
@@ -195,7 +195,7 @@ class Showing:
         if early is not None and (early[0].brakes or not one.guarded):
             return early[0], early[1].due_s, early[2], None
         if not is_safe and asked.brakes and not one.guarded and memory.mode is not Lead.FOLLOW:
-            one = asked  # The limits require it later than the guide's own brake.
+            one = asked  # The limits require a brake later than the guide does.
         stood = (state.now_ns - memory.since_ns) * NS >= STANDS_S
         slower = one.one.speed_mps < state.v_mps - SAME_MPS and not one.guarded
         if imposed and stood and slower and shown.mode in TRACTION:
@@ -320,9 +320,9 @@ def opening(
 ) -> Opening:
     """The decision whether a wanted instruction replaces the one shown.
 
-    It must have been announced for `STANDS_S` when it is due, and the one shown must have stood as long, unless the
-    latter is no longer safe (`is_safe`) or has led to its speed; a brake for limits does not wait. A hold or coasting
-    that would stand for less than `STANDS_S` before the next change (in `next_s`) is not shown.
+    It must have been announced for `STANDS_S` when it is due, and the one shown must have been shown as long, unless
+    the latter is no longer safe (`is_safe`) or has led to its speed; a brake for limits does not wait. A hold or
+    coasting that would last for less than `STANDS_S` before the next change (in `next_s`) is not shown.
     """
     one, shown, now_ns, v_mps = wanted.one, memory.shown, state.now_ns, state.v_mps
     if shown.mode not in KIND_OF or not is_safe:
@@ -390,7 +390,7 @@ def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instructi
 
 
 def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction | None:
-    """The instruction of a step as announced after `now`; None if this train's speed makes it unnecessary."""
+    """The instruction of a step as announced after `now`; None if the train's speed makes the step unnecessary."""
     step, passes_mps = scene.steps[number], scene.foreseen.passes_mps(scene.steps[number].from_m)
     if step.kind is InstructionKind.BRAKE and passes_mps < step.speed_mps + SAME_MPS:
         return None
@@ -427,7 +427,7 @@ def _instruction(scene: Sight, step: GuideStep) -> Instruction:
 
 
 def _waiting(scene: Sight, memory: Memory, now: Instruction, one: Instruction) -> Instruction:
-    """The next change, due only after the instruction shown has stood long enough; a brake does not wait."""
+    """The next change, due only after the present instruction has been shown long enough; a brake does not wait."""
     if one.mode in BRAKES or now.mode not in KIND_OF:
         return one
     stands_s = STANDS_S - (scene.state.now_ns - memory.since_ns) * NS

@@ -20,7 +20,7 @@ REACHED_MPS = 0.5
 OFF_MPS = TARGET_STEP_MPS
 """The deviation (m/s) within which a driver holds a speed: a step of the advised speeds."""
 STANDS_S = 8.0
-"""The time (s) for which an instruction stands, or is announced before it is due: to read it, act and check."""
+"""The least time (s) for which an instruction is shown, or announced before it is due: to read it, act and check."""
 COAST_LEAD_S = 5.0
 """The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
 NEAR_LIMIT_MPS = 0.2
@@ -30,8 +30,8 @@ NEAR_LIMIT_MPS = 0.2
 class GuideStep(NamedTuple):
     """One action: its kind, the speed that it leads to and then holds, its effort, and its places.
 
-    It begins at `from_m`, has led to its speed at `by_m`, and holds it up to `to_m`. `effort` is a share of the largest
-    traction or motor brake (0: none, or as limits require), `number` that of its phase.
+    The action begins at `from_m`, has led to its speed at `by_m`, and holds that up to `to_m`. `effort` is a share of
+    the largest traction or motor brake (0: none, or as limits require), `number` is the number of the phase.
     """
 
     kind: InstructionKind
@@ -44,7 +44,7 @@ class GuideStep(NamedTuple):
 
 
 def timeline(schedule: Schedule) -> tuple[GuideStep, ...]:
-    """The steps of a schedule in the order of the line; a hold of the speed that a step leads to is part of it."""
+    """The steps of a schedule in the order of the line; each includes the hold of the speed that it leads to."""
     found: list[GuideStep] = []
     for number, phase in enumerate(schedule.phases):
         for step in _brake(schedule, number) if phase.kind in BRAKES else _steps(schedule, number, phase):
@@ -109,8 +109,8 @@ def _steps(schedule: Schedule, number: int, phase: Phase) -> list[GuideStep]:
 def aim_mps(schedule: Schedule, number: int) -> float:
     """The speed (m/s) that a phase leads to; for an acceleration, limits on the way may be lower.
 
-    For a brake it is at most the speed allowed at its end, whatever the schedule states; for coasting also at most the
-    lowest limit on the way, so that it stays the same while limits rise.
+    For a brake the speed is at most that allowed at the end, whatever the schedule states; for coasting also at most
+    the lowest limit on the way, so that it stays the same while limits rise.
     """
     section, one = schedule.section, schedule.phases[number]
     end = schedule.phases[number + 1].begin if number + 1 < len(schedule.phases) else len(section.step_m)

@@ -19,7 +19,7 @@ from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 
 MOST_BYTES: Final = 1_000_000
-"""Number of bytes of a file that are searched for the marks of other formats."""
+"""Number of bytes at the beginning of a file that are searched for the marks of other formats."""
 UNZIP_ERRORS: Final = (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError)
 """Errors that `zipfile` raises for a damaged zip, in addition to `UnicodeDecodeError` for a name that is not UTF-8.
 `BadZipFile`: wrong headers or checksums; `zlib.error` and `EOFError`: damaged or missing content; `OSError`: an offset
@@ -93,7 +93,7 @@ def _zipped(path: Path) -> ForeignFormat:
 def refuse_foreign(path: Path, kind: str, reads: str | None = None) -> None:
     """Raise DasError if a file belongs to another program, or is a file of this program of another kind.
 
-    The message names the command that imports it. `reads` is the running command if it imports some formats itself.
+    The message names the command that imports the file. `reads` is the running command if it can import some formats.
     """
     found = foreign_format(path)
     if found is None or (reads and found.command == reads) or found.name == f"a {kind} file of this program":

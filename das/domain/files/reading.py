@@ -26,8 +26,8 @@ MOST_ROWS = 20_000
 MOST_OF_A_NAME = 200
 """Longest name (characters) of a vehicle, route, journey or place."""
 LARGEST = 1e12
-"""Largest number in a file, in SI units; computations with it stay finite. The largest quantity of a railway, the power
-of a network, is smaller."""
+"""Largest number in a file, in SI units, so that computations remain finite. The largest quantity of a railway, the
+power of a network, is smaller."""
 SHORTEST_TRAIN_M = 0.1
 """Shortest length (m) of a train that is not a point; gradients are averaged over the length."""
 LARGEST_TIME_S = 1e10
@@ -289,7 +289,7 @@ class Fields:
 
 
 def _quantity_of(field: str) -> tuple[str, str]:
-    """The name and the dimension of a quantity, of a field whose name ends in its unit."""
+    """The name and the dimension of the quantity in a field whose name ends in the unit."""
     unit = next(unit for unit in _DIMENSIONS if field.endswith(f"_{unit}"))
     return field.removesuffix(f"_{unit}"), _DIMENSIONS[unit]
 
@@ -310,7 +310,7 @@ def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbou
 
 
 def train_length_m(source: Path, value: float) -> float:
-    """A train's length (m), 0 for a point; InputError if it is so short that a mean over it is only rounding error."""
+    """A train's length (m), 0 for a point; InputError if it is too short for means over the length."""
     if 0 < value < SHORTEST_TRAIN_M:
         raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
     return value

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 SCHEMA_VERSION = 1
 MOST_STOPS = 1000
-"""Largest number of stops of a route. Assumption: the longest lines have a few hundred."""
+"""Largest number of stops of a route. Assumption: the longest lines have a few hundred stops."""
 MOST_POINTS = 200_000
 """Largest number of points of a route's geometry: 1000 km with a point every 5 m."""
 MOST_OF_A_SOURCE = 2000
@@ -229,7 +229,7 @@ def _place_keys(fields: Fields) -> list[str]:
 
 
 def _place(fields: Fields, route: Route | None) -> tuple[str, float]:
-    """Name and position (m) of a point: those of the route's stop that it names, or its own."""
+    """Name and position (m) of a point: those of the stop of the route that the file names, or those in the file."""
     if not fields.has("stop"):
         return fields.name("name"), fields.quantity("position", "length")
     for key in ("name", *fields.given_keys("position", "length")):

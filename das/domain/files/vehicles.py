@@ -1,4 +1,4 @@
-"""Reader of vehicles in this project's TOML format, with their losses and the loss maps (CSV) that they name.
+"""Reader of vehicles in this project's TOML format, including losses and the CSV loss maps that they refer to.
 
 The formats are explained in docs/reference/file-formats.md.
 """
@@ -35,10 +35,10 @@ _NO_EFFORT = EffortEnvelope(max_force_n=0.0, max_power_w=0.0)
 
 
 def _read_efforts(fields: Fields, top_mps: float) -> tuple[dict[str, EffortMode], str, EffortMode]:
-    """The modes of a vehicle file for a top speed (m/s), the name of the default one, and its efforts.
+    """The modes of a vehicle file for a top speed (m/s), the name of the default mode, and its efforts.
 
-    A mode without its own efforts has the file's. `[traction]` may be missing if `[vehicle]` names a `default_mode`.
-    Raises InputError for anything unusable.
+    A mode without its own efforts has those of the file. `[traction]` may be missing if `[vehicle]` names a
+    `default_mode`. Raises InputError for anything unusable.
     """
     main, table = fields.table("vehicle"), fields.optional_table("modes")
     default = main.name("default_mode", "")
@@ -96,7 +96,7 @@ def _envelope(fields: Fields, top_mps: float) -> EffortEnvelope:
 
 
 def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_mps: float) -> EffortCurve:
-    """The curve through points of speed (m/s) and force (N), each under its place in the file.
+    """The curve through points of speed (m/s) and force (N); the keys are their places in the file, for messages.
 
     Raises InputError unless the speeds rise from 0 at least to the top speed (m/s) and the forces are possible.
     """
@@ -121,7 +121,7 @@ def effort_curve(source: Path | str, points: Mapping[str, Sequence[float]], top_
 
 
 def read_columns(path: Path, what: str, columns: Mapping[str, str], most: int) -> dict[int, list[float]]:
-    """The rows (SI) of a CSV file whose header names columns with their units, each under its line number.
+    """The rows (SI) of a CSV file whose header names columns with their units; the keys are the line numbers.
 
     `what` is the kind of content, for messages; `columns` maps each name to its dimension, in the order of the file.
     Raises DasError or InputError for anything unusable, and for more than `most` rows.
@@ -157,7 +157,7 @@ def _row(path: Path, line: int, row: list[str], factors: list[float]) -> list[fl
     except ValueError:
         raise InputError(path, f"line {line}", ",".join(row), f"{len(factors)} numbers") from None
     if not np.isfinite(values).all():
-        raise InputError(path, f"line {line}", ",".join(row), "finite numbers; leave out points not covered")
+        raise InputError(path, f"line {line}", ",".join(row), "finite numbers; omit points without a value")
     return [value * factor for value, factor in zip(values, factors, strict=True)]
 
 
@@ -183,7 +183,7 @@ def read_vehicle(path: Path) -> Vehicle:
 def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
     """The vehicle described by the fields of a file; errors as in `read_vehicle`.
 
-    `insist` is the end of the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
+    `insist` is the text appended to the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
     """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
@@ -362,7 +362,7 @@ def read_loss_map(path: Path) -> LossMap:
 
 
 def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Remove the rounding of the file's decimals (under 1 % of a step), which makes the axis exactly even."""
+    """An evenly spaced axis, if the given one differs from it only by rounding in the file (under 1 % of a step)."""
     even = np.linspace(axis[0], axis[-1], len(axis))
     if len(axis) > 1 and np.abs(even - axis).max() < 0.01 * (axis[-1] - axis[0]) / (len(axis) - 1):
         even[np.abs(even) < 1e-9 * (axis[-1] - axis[0])] = 0.0
@@ -371,7 +371,7 @@ def _evened(axis: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tu
 
 
 def site_braking(fields: Fields) -> SiteBraking:
-    """The braking of a site's drivers, from a table of a scenario or of a plan of tables.
+    """The braking of a site's drivers, from a table of a scenario or of a build plan.
 
     Raises InputError for an unknown key, and for a value that is implausible for a driver.
     """

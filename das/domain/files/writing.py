@@ -1,4 +1,4 @@
-"""Atomic writing of files and folders under a temporary name, then renamed; readers never see a partial one."""
+"""Atomic writing of files and folders: written under a temporary name, then renamed, so that readers see them whole."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def new_file(path: Path, content: bytes = b"") -> Path:
 
 
 def _make_new(path: Path, content: bytes) -> None:
-    """Create a file that has its content from the start; FileExistsError or OSError if it cannot be created."""
+    """Create a file that has its content from the start; FileExistsError or OSError if that fails."""
     if path.exists():
         raise FileExistsError(path)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -16,7 +16,7 @@ HELD_S = 10.0
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     """The schedule of a run: its instructions as phases, the trajectory that keeps to them, and its forecast.
 
-    What a single instruction covers is one phase: continued coasting, and a short hold after accelerating to a speed.
+    Intervals covered by a single instruction are one phase: continued coasting, a short hold after accelerating.
     Raises InfeasibleError if the train stalls.
     """
     state, section = run.state, front.section
@@ -35,7 +35,7 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
 
 
 def said_of(front: GuideFront, phase: Phase) -> int:
-    """The number of the instruction of a phase; its speed is the nearest advised one, not above a coasting train's."""
+    """The number of the instruction of a phase, to the nearest advised speed, not above that of a coasting train."""
     if phase.kind is PhaseKind.CURVE or (phase.kind is PhaseKind.BRAKE and phase.share == 0.0):
         return ON_CURVE
     speeds = front.speeds_mps
@@ -66,6 +66,6 @@ def _only_rises(speeds_mps: NDArray[np.float64], target_mps: float) -> bool:
 
 
 def _is_said(before: Phase, held: Phase, lasts_s: float) -> bool:
-    """Whether the phase before already implies holding a speed: it leads to the same speed, held for a short time."""
+    """Whether the phase before already implies holding a speed: it leads to this speed, which is held only briefly."""
     leads = before.kind is PhaseKind.TRACTION and held.kind is PhaseKind.HOLD
     return leads and before.target_mps == held.target_mps and lasts_s < HELD_S

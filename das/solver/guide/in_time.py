@@ -43,7 +43,7 @@ class _Search:
 
     @cached_property
     def spare_s(self) -> float:
-        """The wanted time less the time of the fastest run to the place (s)."""
+        """The wanted time minus the time of the fastest run to the place (s)."""
         elapsed_s = self._state.elapsed_s(self._state.fastest().speeds_mps)
         return self._time_s - float(np.interp(self._at_m, self._state.node_m, elapsed_s))
 
@@ -70,15 +70,15 @@ class _Search:
 def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTRUCTION) -> tuple[GuideRun, Plan]:
     """The run from a state that takes about `time_s` to the end, and the plan that it follows.
 
-    `told` is the instruction in force, which has stood for some time. If no run is quick enough, the result is the
-    quickest. Raises InfeasibleError if the train stalls.
+    `told` is the instruction in force, shown for some time already. If no run is quick enough, the result is the
+    quickest run. Raises InfeasibleError if the train stalls.
     """
     search = _Search(front, state, time_s, told, front.section.end_m)
     return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))
 
 
 def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
-    """All runs found near these times to the end, each once; the search does not stop at a run that is near enough."""
+    """All different runs found near these times to the end; the search continues beyond a run that is near enough."""
     known: dict[Plan, GuideRun] = {}
     for time_s in times_s:
         search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0, known=known)
@@ -106,10 +106,10 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
 
 
 def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
-    """Indices of two neighbouring prices: late with the first, early with the second; a run near enough ends it.
+    """Indices of two neighbouring prices: late with the first, early with the second, unless a run is near enough.
 
     By bisection: a higher price does not always give a shorter time, so a search from a guess may find a higher price
-    than necessary. A train that can only be late tries the highest price alone.
+    than necessary. For a train that can only be late, the highest price alone is tried.
     """
     slow, quick = -1, len(front.lambda_w)
     number = quick // 2 if search.spare_s > 0.0 else quick - 1

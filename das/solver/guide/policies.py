@@ -43,7 +43,7 @@ STEP_MPS: Final = 5.0 * KMH
 LEAST_MPS: Final = 10.0 * KMH
 """The lowest advised speed (m/s), unless a limit is lower."""
 CHANGE_TIME_S: Final = 0.3
-"""Time (s) whose cost, at the price of time, a change must save too: a late train makes no change of little gain."""
+"""Time (s) whose cost, at the price of time, a change must save too: late trains thus avoid changes of little gain."""
 BRAKE_CHANGES: Final = 1.0
 """The additional price, in changes, of a brake that no limit requires."""
 LOW_RATIO: Final = 0.001
@@ -72,14 +72,14 @@ class PolicySettings:
     """The time (s) of the train's full power whose energy a change must save, in addition to the cost of
     `CHANGE_TIME_S`."""
     young_s: float = 0.6
-    """`change_s` for a change before the present instruction has stood for `STANDS_S`."""
+    """The value of `change_s` for a change before the present instruction has been shown for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
     """The spacing of the speed grid (m/s): a fifth of a step, so that every advised speed is on a line. With 2.5 km/h,
     a freight train, which gains less than that in a decision step, needs up to a fifth more energy."""
     ladder_ratio: float = 1.03
     """The ratio of each price of time to the one before."""
     kept_bytes: int = 100_000_000
-    """The size (bytes) up to which the policies used last are kept: ten to twenty of 30 km, four of 100 km."""
+    """The size (bytes) up to which the policies used last are kept: ten to twenty for 30 km, four for 100 km."""
 
 
 DEFAULT = PolicySettings()
@@ -135,7 +135,7 @@ class _Solved(NamedTuple):
 class _Ahead(NamedTuple):
     """The moves from a decision node to the end, and the policies of prices by number, in the order of their use.
 
-    A policy is solved from the train's place on: near the end of a section that takes far less time.
+    A policy is solved from the train's place on, which takes far less time near the end of a section.
     """
 
     node: int
@@ -160,7 +160,7 @@ class _Behind(NamedTuple):
 class GuideFront:
     """The policies of a section for a ladder of prices of time (W, ascending), each solved when it is first needed.
 
-    It begins at the start of the section, or a little behind the position `s_m` (m). `references` are finished
+    The front begins at the start of the section, or a little behind the position `s_m` (m). `references` are finished
     schedules of the section; None: there are none. Thread-safe.
     """
 
@@ -180,7 +180,7 @@ class GuideFront:
         goal_mps, foot_m = falls_to(section.envelope_mps, section.node_m)
         self._curve = FineCurve(goal_mps, self._nearest(goal_mps), foot_m)
         grid, decision = DecisionGrid.of(section), section.decision
-        # The envelope may begin to fall within a step: the step is then one of the braking curve.
+        # If the envelope begins to fall within a step, the whole step belongs to the braking curve.
         goal_mps, _ = falls_to(grid.bounds.envelope_mps, grid.node_m)
         self._grid = GuideGrid(
             grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
@@ -237,7 +237,7 @@ class GuideFront:
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
 
-        `told` is the instruction in force, which has stood for long enough. Raises InfeasibleError if the train stalls.
+        `told` is the instruction in force, shown for long enough. Raises InfeasibleError if the train stalls.
         """
         section = self.section
         if state.first_node < self._first:
@@ -288,7 +288,7 @@ class GuideFront:
     def _policies(self, numbers: Sequence[int], node: int) -> list[_Solved]:
         """The policies of these prices from a decision node on, or from one before it.
 
-        Those not kept are solved, several at a time on the threads.
+        Policies that are not kept are solved, several at a time in threads.
         """
         with self._lock:
             kept = self._ahead.policies
@@ -308,8 +308,8 @@ class GuideFront:
     def until(self, node: int, number: int) -> GuideFront:
         """The policies up to a decision node, for a ladder of prices, of a train that follows one price behind it.
 
-        They use the value of a speed at the node, so no rule for accelerating again is needed. Prices may be negative
-        here, because a train that must not be too early at the node gains by being slow.
+        The policies use the value of a speed at the node, so they need no rule for accelerating again. Prices may be
+        negative here, because a train that must not be too early at the node gains by being slow.
         """
         ((row_0, policy),) = self._policies([number], node)
         rows, ahead = node - row_0, self._ahead
@@ -367,7 +367,7 @@ def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
 def told_speeds(section: Section) -> Floats:
     """The speeds that may be advised on a section, ascending: its limits, and steps from the lowest to the highest.
 
-    If they do not fit in the number of an instruction, equal parts of them are left out.
+    If there are more than fit in the number of an instruction, only every second one (third, …) is kept.
     """
     envelope, step = section.envelope_mps, STEP_MPS
     exact = np.unique(np.concatenate((section.limit_mps, falls_to(envelope, section.node_m)[0])))

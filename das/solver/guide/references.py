@@ -33,7 +33,7 @@ def lateness_s(late_s: float | NDArray[np.float64]) -> float | NDArray[np.float6
 
 
 class Finished(NamedTuple):
-    """A finished schedule: its time (s) and energy (J) from standstill at the start, its price of time (W), phases."""
+    """A finished schedule: time (s) and energy (J) from standstill at the start, price of time (W), and phases."""
 
     time_s: float
     energy_j: float

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 MET_MPS = 1e-3
 """Largest difference (m/s) from the scheduled speed at which a train is taken to follow the schedule."""
 NOWHERE = -1.0
-"""The `met_mps` of a forecast that is computed to the end and never joins the schedule's trajectory."""
+"""The value of `met_mps` for a forecast that is computed to the end and never joins the schedule's trajectory."""
 ON_CURVE_MPS = 0.05
 """Largest difference (m/s) between the target of a phase that follows the braking curve and the curve at its end."""
 
@@ -222,7 +222,7 @@ class Scheduled(NamedTuple):
 
 
 def settled(section: Section, phases: tuple[Phase, ...], s_m: float, v_mps: float) -> tuple[Schedule, Prospect]:
-    """The schedule of these phases, with the trajectory that results from a state, and that trajectory's forecast.
+    """The schedule of these phases, with the trajectory that they give from a state, and its forecast.
 
     Raises InfeasibleError if the train stalls.
     """

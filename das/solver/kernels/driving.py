@@ -21,11 +21,11 @@ from das.solver.kernels.landings import landing_under
 from das.solver.kernels.tuples import ServiceParams
 
 SLOW_MPS = 5.0
-"""Speed (m/s) below which the delay of the brakes needs no reserve: the driver sees the mark and is already braking."""
+"""Speed (m/s) below which the reserve for brake delay falls with speed: the driver sees the mark and already brakes."""
 FULL_BRAKES = ServiceParams(1e9, 0.0, 1.0, 1e9)
 """Parameters of full braking: no limit below the train's own, and no delay."""
 _ROUNDING_W = 1e-9
-"""Excess of v² over the envelope that is attributed to rounding in the iterations."""
+"""Largest excess of v² (m²/s²) over the envelope that counts as rounding of the iterations."""
 _FIXED_POINT_STEPS = 60
 """Largest number of iterations in the search for the fixed point of a step's speed."""
 _FIXED_POINT_TOLERANCE = 1e-13
@@ -34,7 +34,7 @@ _FIXED_POINT_TOLERANCE = 1e-13
 
 @kernel
 def _narrowed(v, new, low, low_gap, high, high_gap):
-    """New bounds and the next estimate of the fixed point v; the image `new` falls as v rises.
+    """New bounds and the next estimate of the fixed point v; `new`, the function value at v, decreases with v.
 
     A faster step leaves less force under the power limit, so plain iteration would oscillate. Therefore v is bracketed
     and found by false position (Illinois). `high_gap` is 0 until an estimate has been too fast.
@@ -101,9 +101,9 @@ def _attainable(a, b, h, g, q, p, friction_n):
 def drive(first, last, landing, friction_n, line, envelope, p, v):
     """Drive from v[first] towards the speed `landing` at integration node `last`, at constant acceleration.
 
-    Every step stays within the train's efforts, with at most `friction_n` of friction brake, and within the envelope
-    (with all brakes). The train may therefore end slower than `landing` (weak traction, low envelope) or faster (weak
-    brakes). Fills v[first + 1 … last]; returns False after a stall.
+    Every step stays within the train's efforts, with at most `friction_n` of friction brake unless only more keeps the
+    train within the envelope. The train may therefore end slower than `landing` (weak traction, low envelope) or faster
+    (weak brakes). Fills v[first + 1 … last]; returns False after a stall.
     """
     step, g, q, u = line
     length = 0.0
@@ -145,7 +145,7 @@ def hurry(first, last, line, envelope, p, v):
 
 @kernel
 def coast(first, last, line, envelope, p, v):
-    """Coast from v[first] to integration node `last`, at most at the envelope; False after a stall."""
+    """Coast from v[first] to integration node `last`, never above the envelope; False after a stall."""
     for i in range(first, last):
         landing = landing_under(0.0, v[i], line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i], p)
         if landing <= 0.0 or not drive(i, i + 1, landing, p.friction_force_n, line, envelope, p, v):
@@ -155,7 +155,7 @@ def coast(first, last, line, envelope, p, v):
 
 @kernel
 def trip_time(step, v):
-    """Time (s) of a run with the speeds v over steps of these lengths."""
+    """Running time (s) over steps of the given lengths (m), with the speeds v (m/s) at the nodes."""
     total = 0.0
     for i in range(step.size):
         total += 2.0 * step[i] / (v[i] + v[i + 1])
@@ -215,7 +215,7 @@ def braking_envelope(line, limit, end_speed, p, service):
 
 @kernel
 def _brake_start(v0, v1, h, g, q, p, service):
-    """Initial speed of a hardest service brake that ends at v1, with the forces at v0; 0 if the train runs away."""
+    """Speed before a step of full service braking to v1, by the forces at its estimate v0; 0 if the train runs away."""
     faster = max(v0, v1)
     w0 = v1 * v1 + 2.0 * h * _in_service(faster, mean_resistance(v0, v1, q, p) + g, p, service)
     return math.sqrt(w0) if w0 > 0.0 else 0.0
@@ -223,8 +223,8 @@ def _brake_start(v0, v1, h, g, q, p, service):
 
 @kernel
 def _in_service(v, resisting, p, service):
-    """The planned deceleration at speed v against a resisting force (N, < 0 on a descent), from the usable share of the
-    brake force.
+    """The planned deceleration at speed v against a resisting force (N, < 0 on a descent), limited to the usable share
+    of the brake force.
 
     A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is the distance without
     delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v).

@@ -102,7 +102,7 @@ def brake_limit(v, p, friction_n):
 def largest_gain(v, resisting, p):
     """Acceleration at full traction against a resisting force.
 
-    It is at most the train's largest, or that at full brakes if this is larger.
+    The result is at most the train's largest acceleration, or that under full brakes if this is larger.
     """
     rate = (traction_limit(v, p) - resisting) / p.inertial_mass_kg
     if rate <= p.max_acceleration_mps2:
@@ -114,7 +114,7 @@ def largest_gain(v, resisting, p):
 def largest_loss(v, resisting, p, friction_n):
     """Deceleration at full brake with a resisting force.
 
-    It is at most the train's largest, or that at full traction if this is larger.
+    The result is at most the train's largest deceleration, or that under full traction if this is larger.
     """
     rate = (brake_limit(v, p, friction_n) + resisting) / p.inertial_mass_kg
     if rate <= p.max_deceleration_mps2:

@@ -28,7 +28,7 @@ BACK, ROLLS, HOLDS, ON_CURVE, ROLLS_UP = 2, 4, 8, 9, 10
 accelerated the train to a speed. With a manner before `HOLDS` the motion until X is reached does not depend on X;
 `ROLLS_UP` moves the train like `ROLLS`."""
 FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
-"""Columns of holding: `HOLDS` accelerates to a far higher X, `FROM_ABOVE` slows down to a lower one. Row `LANDED`
+"""Columns of holding: `HOLDS` accelerates to an X beyond the step, `FROM_ABOVE` slows down to a lower X. Row `LANDED`
 contains the costs of all manners for the speeds X that are reached within the step."""
 NEAR_MPS = 2.5 * KMH
 """Difference from the train's own speed (m/s), half a step of the advised speeds, below which a speed counts as reached
@@ -39,7 +39,7 @@ instruction."""
 STANDS_S = 8.0
 """Minimum duration (s) of an instruction: about the time a driver needs to read it, act and check."""
 SAME_MPS = 1e-5
-"""Speed difference (m/s) below which speeds are equal; moves are stored in single precision."""
+"""Speed difference (m/s) below which speeds count as equal; moves are stored in single precision."""
 CONTACT_MPS = 1e-3
 """Largest difference (m/s) from the braking curve at which a train is on it."""
 NO_INSTRUCTION = 65535
@@ -47,12 +47,12 @@ WORD = 32
 """Number of speeds X whose bits fit in a word of `GuidePolicy.stay`."""
 _BIG, _REACHED = 1e30, 1e16
 PART = {"fastmath": True, "forceinline": True}
-"""Options of a kernel that is inlined into its callers. Without them LLVM would pass all its arrays, 60 numbers and
-more, in each call, and the sweep would take twice as long."""
+"""Options of a kernel that is inlined into its callers. Without them each call would pass all fields of its arrays,
+more than 60 values, and the sweep would take twice as long."""
 
 
 class GuideGrid(NamedTuple):
-    """The decision nodes of a section and its speeds: resistances, envelope, limits, final speeds of braking curves."""
+    """The grid of a section: line, envelope, limits and end speeds of braking curves by decision node, and speeds X."""
 
     line: LineArrays
     envelope_mps: NDArray[np.float64]
@@ -82,7 +82,7 @@ class GuideMoves(NamedTuple):
 
 
 class GuidePrices(NamedTuple):
-    """Prices of time (W), of a change (J), of a change before the instruction has stood, of an unnecessary brake."""
+    """Prices of time (W), of a change, of a change before `STANDS_S`, and of an unnecessary brake (J)."""
 
     time_w: float
     change_j: float
@@ -91,9 +91,9 @@ class GuidePrices(NamedTuple):
 
 
 class GuidePolicy(NamedTuple):
-    """The best new instruction in each state (nodes, lines), and the instructions in which a train stays.
+    """The best new instruction in each state (nodes, lines), and the instructions worth keeping there.
 
-    `stay` has a bit for each X (nodes, lines, manners, ages, words): age 0 has stood for `STANDS_S`, age 1 has not.
+    `stay` has a bit for each X (nodes, lines, manners, ages, words). Age 0: shown for `STANDS_S`; age 1: more recent.
     """
 
     choice: NDArray[np.uint16]
@@ -111,7 +111,7 @@ def between(v, line_mps, top):
     """The line below a speed up to the envelope `top`, and the weight of the line above it, linear in v²."""
     j = max(min(int(v / line_mps + 1e-9), top_line(top, line_mps) - 1), 0)
     if j == 0:
-        return 0, 1.0  # No train stands between the ends.
+        return 0, 1.0  # Trains stand only at the ends of a section: the lowest cell counts as its upper line.
     a, b = j * line_mps, min((j + 1) * line_mps, top)
     return j, min(max((v * v - a * a) / (b * b - a * a), 0.0), 1.0)
 
@@ -138,7 +138,7 @@ def column_landing(m, v0, top, step, p):
         return landing_speed(v0, h, SHARES[m], g, q, p) if powered else 0.0
     if ROLLS < m < HOLDS:
         slower = landing_speed(v0, h, -SHARES[m], g, q, p)
-        return slower if slower < v0 else 0.0  # On a steep descent an effort may be too weak for braking.
+        return slower if slower < v0 else 0.0  # On a steep descent a reduced effort may not slow the train down.
     if m == HOLDS and powered:
         full = landing_speed(v0, h, 1.0, g, q, p)
         return max(landing_speed(v0, h, SHARES[BACK], g, q, p), min(v0, full))
@@ -150,7 +150,7 @@ def column_landing(m, v0, top, step, p):
 
 @kernel
 def kept_landing(m, v0, v1, envelope, top, last):
-    """The speed after a step to v1 within the envelope (`envelope` before it, `top` after); -1 if it cannot be kept."""
+    """The speed after a step to v1 within the envelope (`envelope` before it, `top` after); -1 if m cannot continue."""
     if m == ON_CURVE and last:
         return v1 if v1 >= top - SAME_MPS else -1.0
     if v1 > top:
@@ -192,9 +192,9 @@ def guide_moves(first, last, grid, p, c, row, moves):
 def put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, row):
     """Fill in the costs for the speeds X from begin to end that a step of this cost does not reach.
 
-    The step leads to `manner` between line `lower` and the next one, whose weight is `w`. The costs `ahead` and `here`
-    (lines, rows, ages, X) are the cost of an instruction that has stood and the additional cost if it has not. The
-    share `young` of the latter remains, because an instruction gets older in a step.
+    The step leads to `manner`, between lines `lower` and `lower` + 1 (weight `w`). `ahead` and `here` (lines, rows,
+    ages, X) hold, for age 0, the cost of an instruction shown for `STANDS_S` and, for age 1, the additional cost of a
+    more recent one. The share `young` of the latter remains, because an instruction gets older in a step.
     """
     a, b = 1.0 - w, w
     for x in range(np.uint64(begin), np.uint64(max(begin, end))):
@@ -349,7 +349,7 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
 
 @compiled(**PART)
 def keep(span, leave, leave_young, here, j, m, stay, i):
-    """Limit the cost of staying in each instruction of a manner to the cost of leaving it; set the bits of `stay`."""
+    """Limit the cost of keeping each instruction of a manner to the cost of leaving it; set the bits of `stay`."""
     begin, end = np.uint64(span[0]), np.uint64(span[1])
     for w in range(stay.shape[4]):
         kept, kept_young, first = np.uint32(0), np.uint32(0), np.uint64(w * WORD)
@@ -374,7 +374,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
     """Fill the policy for one price of time by a backward sweep from decision node `last` to `first`.
 
     Row 0 of moves and policy is node `first`. `ahead` are the costs at node `last` (lines, rows, ages, X), which are
-    overwritten. Returns those at node `first`.
+    overwritten. Returns the costs at node `first`.
     """
     choice, stay = policy
     n = grid.line.step_m.size

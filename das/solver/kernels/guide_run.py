@@ -62,7 +62,7 @@ def now_held(now, v, goal_mps, goal_x, speeds):
 def chosen_anew(now, chosen, stays, anew, last):
     """The instruction from a decision node on, for a train in instruction `now` whose best new one is `chosen`.
 
-    `stays`: the policy stays in `now`; `anew`: it chooses a new instruction even so.
+    `stays`: the policy keeps `now`; `anew`: a new instruction is chosen all the same.
     """
     if now == NO_INSTRUCTION:
         return chosen

@@ -21,7 +21,7 @@ LANDINGS = LANDINGS_EFFORT + LANDINGS_BRAKE + SPECIAL_LANDINGS
 """Largest number of landings of a step."""
 
 LANDING_STEPS = 4
-"""Number of iterations for a landing; they are needed because the forces depend on the mean speed of the step."""
+"""Number of iterations for a landing, which are needed because the forces depend on the mean speed of the step."""
 
 
 @kernel

@@ -14,11 +14,11 @@ TRACTION, HOLD, COAST, BRAKE, CURVE = 0, 1, 2, 3, 4
 CREEP_MPS, CREEP_M = 0.5, 1.0
 """Speed (m/s) below which, and remaining distance (m) above which, a train that brakes to a stop creeps to its mark."""
 BELOW_MPS = 0.5
-"""Largest shortfall (m/s) below the speed to hold without an acceleration first."""
+"""Largest shortfall (m/s) below the speed to hold with which the train holds it without accelerating first."""
 BACK_SHARE = 0.6
 """Share of the traction with which a train slower than the speed to hold accelerates to it."""
 _STEPS = 6
-"""Number of iterations in `speed_under`; further ones do not change the speed."""
+"""Number of iterations in `speed_under`; more of them would not change the speed."""
 
 
 @kernel

@@ -259,7 +259,7 @@ def _extremes(speeds, h, g, q, p, space):
 
 @kernel
 def _extremes_on_curves(speeds, h, g, q, p, space):
-    """The results of `_extremes`, one speed at a time, with forces from the effort curves."""
+    """The results of `_extremes`, computed one speed at a time, with forces from the effort curves."""
     for j in range(speeds.size):
         v0 = speeds[j]
         high, coast = landing_speed(v0, h, 1.0, g, q, p), landing_under(0.0, v0, h, g, q, p)

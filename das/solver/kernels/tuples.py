@@ -13,7 +13,7 @@ from das.domain.losses import EfficiencyLoss, LossModel
 from das.domain.vehicle import BrakePolicy, Vehicle
 
 NO_LIMIT_N = 1e30
-"""A force (N) above that of any train; finite, which keeps products defined."""
+"""A force (N) above that of any train; finite, so that products remain defined."""
 
 
 class TrainParams(NamedTuple):

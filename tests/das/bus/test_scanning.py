@@ -213,7 +213,7 @@ def bomb(plain: bytes, claimed: int | None = None) -> bytes:
         (60_000_000, None, "damaged: a chunk that unpacks to 57 MiB, too much for a file of"),
         (10_000_000, None, "damaged: a chunk that unpacks to 9 MiB, too much for a file of"),
         (9 * 400_000, None, "holds no messages of a train before it was cut off"),
-        (200_000_000, 1000, "damaged: a chunk of another size than it states"),
+        (200_000_000, 1000, "damaged: a chunk whose unpacked size differs from the size in its header"),
     ],
 )
 def test_a_small_file_cannot_keep_its_reader_busy(tmp_path: Path, size: int, claimed: int | None, why: str) -> None:
