@@ -230,7 +230,7 @@ def test_no_message_ends_the_page(figure: float, time_ns: int, simulated: bool) 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--watch", "--watch: needs --route and --vehicle, as the node has them"),
+        ("--watch", "--watch: needs --route and --vehicle, as given to the node"),
         ("--watch --route nowhere --vehicle re460-ic", "nowhere: not a bundled route"),
         ("--watch --route flat-6km --vehicle re460-ic --train a/b", "train name 'a/b': expected"),
         ("--watch --route flat-6km --vehicle re460-ic --connect tcp/0.0.0.0:1", "the bus stays on this machine"),
