@@ -136,7 +136,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
 
 def load_solver() -> None:
-    """Load or compile the solver. A signal then ends the process immediately, so no file may be open yet."""
+    """Load or compile the solver. Meanwhile a signal ends the process immediately, so no file may be open."""
     with loading_solver(LATE_KERNELS):
         from das.cab.cab import warm_up
 

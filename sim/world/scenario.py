@@ -216,7 +216,7 @@ class HumanRange:
         """The parameters of a participant, and the values drawn for them.
 
         Values of the scenario (`source`) replace the population's. Raises DasError if the values contradict each other,
-        or if the scenario gives a range, which would make another driver of each seed.
+        or if the scenario gives a range, which would make a different driver for each seed.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
