@@ -20,19 +20,19 @@ from typing import Any, Final
 from das.domain.errors import DasError
 
 DRIVERS: Final = "das.drivers"
-"""A class with a method command(cab), as `--driver package.module:Class` names one."""
+"""Group of drivers: classes with a method command(cab), as for `--driver package.module:Class`."""
 PRESENTATIONS: Final = "das.presentations"
-"""A `Presenter`; its name is the word after --advice."""
+"""Group of presentations: objects of `Presenter`, named by the word after --advice."""
 MEASURES: Final = "das.measures"
-"""A function of a `DriveTable` that returns a number, or None; its name is the column, which ends in its unit."""
+"""Group of measures: functions of a `DriveTable` that return a number or None, named by a column with unit."""
 IMPORTERS: Final = "das.importers"
-"""A function that reads a train in another program's format from a path; its name is the file name extension."""
+"""Group of importers: functions that read a train in another program's format, named by file extension."""
 GROUPS: Final = (DRIVERS, PRESENTATIONS, MEASURES, IMPORTERS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Door:
-    """An object provided by a package: its name, its place, and the package with its version."""
+    """An object provided by a package: name and place of the object, and the package with its version."""
 
     name: str
     module: str
@@ -49,7 +49,7 @@ class Door:
 
 @cache
 def installed(group: str) -> MappingProxyType[str, Door]:
-    """The objects that installed packages provide for a group, by name; of equal names the first is used."""
+    """The objects that installed packages provide for a group, by name; if names are equal, the first is used."""
     found: dict[str, Door] = {}
     for path in _metadata():
         parser = ConfigParser(delimiters=("=",), interpolation=None)

@@ -40,11 +40,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SimulatedDay(Summary):
-    """A simulated run. `names` are scenario, driver and advice, `line` the driver's knowledge, `between_s` first
-    departure and last arrival.
+    """A simulated run. `names` are scenario, driver and advice, `line` is the driver's knowledge, and `between_s` has
+    the first departure and the last arrival (s).
     `states` holds the true state of the train once a second (see `columns`), `outcome` the figures that
     `das-sim run --json` prints: punctuality, energies (kWh) and their parts, and figures of the advice. `balance` is
-    the energy balance from the first departure to the last arrival (J). `table` is the table of columns of a `Drive`.
+    the energy balance from the first departure to the last arrival (J). `table` has the columns of a `Drive`.
     """
 
     states: Mapping[str, NDArray[np.float64]]
@@ -82,8 +82,8 @@ class SimulatedDay(Summary):
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """The true state of the train once a second, as arrays of shape (seconds + 1,) by names with units.
 
-        `time_s` is 0 at the timetable's departure; `s_m` and `speed_mps` are the train's, `force_el_n` and
-        `force_friction_n` its wheel forces. Energies ending in `_j` count from the start of the run.
+        `time_s` is 0 at the timetable's departure; `s_m` and `speed_mps` are position and speed,
+        `force_el_n` and `force_friction_n` wheel forces. Energies ending in `_j` count from the start of the run.
         """
         return dict(self.states)
 
@@ -99,7 +99,7 @@ def run_day(
 ) -> SimulatedDay:
     """Simulate a run of a scenario in closed loop: train and driver, advised once a second, without a bus.
 
-    `scenario` is the name of a bundled scenario or a TOML file. `seed` draws the disturbances and the driver; the same
+    `scenario` is the name of a bundled scenario or a TOML file. Disturbances and driver are drawn with `seed`; the same
     seed gives the same run. `driver` names the driver ("perfect", "literal", "fast", "top-speed", "timetable", "human",
     or a class of your own as "package.module:Class"), `advice` the presentation ("none", "deviation", "top-speed",
     "four-mode", "speed-and-effort", "guide" or "sheet"), `level` the loss model (the default is the vehicle's own).
@@ -179,8 +179,8 @@ def replay(
     `trip` is a file of positions (.csv, .gpx) or a recording, `posts` a file of kilometre posts. `reverse`: the route
     is driven from its end. Values of None are taken from the recording; `das-sim replay` has more options.
 
-    Raises DasError for a trip that cannot be used, for an `out` that cannot be written or is already there, and if a
-    process fails.
+    Raises DasError for a trip that cannot be used, for an `out` that exists or cannot be written, and if a process
+    fails.
 
         drive = sim.replay("trip.csv", "replay.mcap", route="route.toml", vehicle="train.toml", posts="posts.csv")
     """
@@ -202,7 +202,7 @@ def replay(
 def write_example(folder: str | Path) -> Path:
     """Write the files of `das-sim example` into a new folder: line, train, journey, scenario, and a recorded trip.
 
-    They are invented and meant to be changed. Raises DasError if the folder is already there or cannot be written.
+    The data are invented and meant to be changed. Raises DasError if the folder exists or cannot be written.
 
         sim.write_example("my-line")
     """
@@ -216,12 +216,12 @@ def write_example(folder: str | Path) -> Path:
 
 
 def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: float = 10.0) -> AlignedDrives:
-    """Drives of one line at the same positions, each compared with the first: times, speeds, energies, and their
+    """Drives of one line compared with the first at the same positions: times, speeds, energies, and the
     differences.
 
     A drive is a `Drive` or the file of a recording. In the result, `columns()` are arrays with a
-    row for every `step_m`, `stretches(1)` lists where the second drive needed more than the first, and printing it
-    describes the differences in sentences.
+    row for every `step_m`, `stretches(1)` lists where the second drive needed more than the first, and printing
+    the result describes the differences in sentences.
 
     Raises DasError for recordings that cannot be used, and for drives of different lines.
 
@@ -230,7 +230,7 @@ def compare(first: Drive | str | Path, *others: Drive | str | Path, step_m: floa
     from sim.drive.comparison import AlignedDrives, drives_on_track
 
     if not others:
-        raise InputError("compare", "drives", "one", "two or more, of which the first is the one to compare with")
+        raise InputError("compare", "drives", "one", "two or more; the others are compared with the first")
     return AlignedDrives.of(drives_on_track([_drive(one) for one in (first, *others)]), step_m)
 
 
@@ -238,7 +238,7 @@ def report(*drives: Drive | str | Path, out: str | Path) -> Path:
     """Write the report of `das-sim report` on recorded drives into a page `out` (.html or .pdf), and return its path.
 
     Several drives of one line are compared as well. Raises DasError for recordings that cannot be used, for a page that
-    cannot be written or is already there, for one of another kind, and if jinja2, matplotlib or, for a .pdf, Chromium
+    exists, cannot be written or has another extension, and if jinja2, matplotlib or, for a .pdf, Chromium
     is not installed.
 
         sim.report("day.mcap", out="day.html")
@@ -258,7 +258,7 @@ def report(*drives: Drive | str | Path, out: str | Path) -> Path:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StudyTables(Summary):
-    """A completed and analysed study: its findings, and its tables as columns for `das.to_pandas`."""
+    """A completed and analysed study: the findings, and the tables as columns for `das.to_pandas`."""
 
     findings: StudyFindings
 
@@ -299,8 +299,8 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
     """Check a design, simulate its trials into a folder, and analyse them.
 
     `design` is a design file (TOML) or a bundled study. Finished trials in the folder are kept, so that a stopped
-    experiment resumes. `workers` is the number of processes (default: one a core): a script calls this function under
-    `if __name__ == "__main__":`, because each of them imports the script.
+    experiment resumes. `workers` is the number of processes (default: one per core). A script must call this function
+    under `if __name__ == "__main__":`, because each process imports the script.
 
     Raises DasError for a design that is rejected, a folder of another design, a failed trial, and if scipy is
     not installed.
@@ -328,7 +328,7 @@ def run_experiment(design: str | Path, folder: str | Path, *, workers: int | Non
 
 
 def _drive(given: Drive | str | Path) -> Drive:
-    """A drive, read if it is given as a file."""
+    """The drive given as a `Drive`, or read from the given file."""
     return given if isinstance(given, Drive) else Drive.read(Path(given))
 
 

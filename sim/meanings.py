@@ -1,4 +1,4 @@
-"""The colours of all pictures, pages and views, with one meaning each, for dark and white backgrounds, and for the
+"""The colours of all pictures, pages and views, each with one meaning, for dark and white backgrounds, and for the
 viewer.
 
 No module that draws a drive has its own colours. The exception is a display that shows no mode: its colour is in its
@@ -16,7 +16,7 @@ from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT
 
 
 class Meaning(StrEnum):
-    """The meaning of a colour, the same everywhere."""
+    """The meaning of a colour, which is the same in all pictures."""
 
     DRIVEN = "driven"
     """Course of the train and settings of the driver."""
@@ -34,7 +34,7 @@ class Meaning(StrEnum):
     LOST = "lost"
     """Energy above the optimum."""
     AGAINST = "other than advised"
-    """Driving with an effort other than the advised one."""
+    """Driving with an effort other than the advised effort."""
     ERROR = "error"
     MASS = "mass"
     RESISTANCE = "resistance"
@@ -90,10 +90,10 @@ DARK, LIGHT, VIEWER = (
 desktop's, so its colours are middle tones that are readable on both."""
 
 COMPARED: Final = (LIGHT.of[Meaning.OTHER_DRIVE], LIGHT.of[Meaning.DRIVEN], "#0000ff", "#0f87ff", "#2d001e", "#0f4bff")
-"""Colours of compared drives, in their order, on white; lines differ in style as well. The first is the drive with
-which the others are compared."""
+"""Colours of compared drives, in the order of the drives, on white; lines differ in style as well. The first colour
+is for the drive with which the others are compared."""
 
 
 def rgba(color: str) -> int:
-    """A colour "#rrggbb" as the number 0xRRGGBBAA that rerun takes."""
+    """A colour "#rrggbb" as a number 0xRRGGBBAA for rerun."""
     return int(color[1:], 16) << 8 | 0xFF

@@ -1,4 +1,4 @@
-"""Options of das-sim that packages below `sim.cli` use as data; `sim.cli.options` has the others.
+"""Options of das-sim that packages on which `sim.cli` depends use as data; `sim.cli.options` has the others.
 
 Options that belong together are grouped in dataclasses. This module imports no large modules, because it is imported
 whenever das-sim prints a help text.
@@ -38,7 +38,7 @@ from das.domain.files.writing import write_whole
 MOST_NOTCHES = 20
 """Largest number of steps of the desk's lever in each direction."""
 LATE_KERNELS = "sim.world.late_kernels"
-"""Module run in parallel with a command that compiles: it compiles the kernels that a simulated run needs last."""
+"""Module run in parallel with a command that compiles: it compiles the kernels needed last in a simulated run."""
 PostsOption = Annotated[
     Path | None,
     typer.Option(
@@ -88,7 +88,7 @@ PopulationOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class NodeSaid:
-    """Options about the node of a recording: the options with which it was started, and the folder of its tables."""
+    """Options about the node of a recording: the options with which the node was started, and the folder of tables."""
 
     node: Annotated[
         str | None,
@@ -113,16 +113,16 @@ def pace_factor(text: str) -> float | None:
     except ValueError:
         value = float("nan")
     if not SLOWEST <= value <= FASTEST:
-        raise DasError(f"--pace {text}: expected max, real or a number of times real time, 0.01 to 1000000")
+        raise DasError(f"--pace {text}: expected max, real or a multiple of real time, 0.01 to 1000000")
     return value
 
 
 @dataclass(frozen=True, kw_only=True)
 class TripOptions:
-    """The options of a trip besides its file; None means the recorded value, or else the default.
+    """The options of a trip apart from its file; None means the recorded value or, without one, the default.
 
-    Without `reverse`, the direction of the trip is not given. Without stops, the trip runs from the route's first stop
-    to its last. `posts` is a file of kilometre posts.
+    If `reverse` is None, the direction of the trip is not given. Without stops, the trip runs from the first stop to
+    the last stop of the route. `posts` is a file of kilometre posts.
     """
 
     route: RecordedRouteOption = None
@@ -143,10 +143,10 @@ class TripOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """The options of a replay; None means: as recorded, or the default.
+    """The options of a replay; None means the recorded value or, without one, the default.
 
-    The timetable comes from a journey, or from the running time and the delay of the departure; a delay alone is
-    rejected if the recording has no time of arrival.
+    The timetable comes from a journey, or from the running time and the delay of the departure; a delay without
+    a running time is rejected if the recording has no time of arrival.
     """
 
     trip: TripOptions = field(default_factory=TripOptions)
@@ -182,7 +182,7 @@ class WhatIfKind(StrEnum):
     """The kinds of what-ifs."""
 
     OPEN_LOOP = "open loop"
-    """The drive stays as it was recorded; only the advice on it is different."""
+    """The drive stays as it was recorded; only the advice is different."""
     DRIVEN_ANEW = "driven anew"
     """A simulated driver drives again, with the recorded disturbances."""
 
@@ -194,7 +194,7 @@ def typed_command() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class PageFiles:
-    """Options on the page that a command writes; an `out` whose name ends in .pdf means the PDF, unless `pdf` is given.
+    """Options for the page that a command writes; `out` may end in .pdf for the PDF alone, unless `pdf` is given.
 
     None stands for a file that was not requested.
     """
@@ -212,7 +212,7 @@ class PageFiles:
         return (None, self.out) if pdf_alone else (self.out, self.pdf)
 
     def check(self, inputs: Iterable[Path], *others: Path | None, overwrite: bool) -> None:
-        """Raise DasError if the page, its PDF or other files cannot be made; called before the work begins."""
+        """Raise DasError if the page, its PDF or other files cannot be written; called before the work begins."""
         out, pdf = self.paths
         for path, suffixes in ((out, (".html", ".htm")), (pdf, (".pdf",))):
             if path is not None and path.suffix.lower() not in suffixes:
@@ -224,7 +224,7 @@ class PageFiles:
             browser()
 
     def write(self, draw: Callable[[], str]) -> None:
-        """Draw the page and write it as HTML, as PDF or as both; it is not drawn if neither was requested."""
+        """Draw the page and write it as HTML, as PDF or as both; without a request for either, nothing is drawn."""
         out, pdf = self.paths
         if out is None and pdf is None:
             return

@@ -29,9 +29,9 @@ USUAL_SCENARIO: Final = "clear-day"
 PUBLISHER_ENDPOINT: Final = "tcp/127.0.0.1:7448"
 """Endpoint at which the examples' publishers of journey and position listen."""
 OF_A_DRIVE: Final = ("--journey", "--seed", "--level", "--pace", "--notches", "--lsl", "--out", "--overwrite", "--json")
-"""The options of a drive at the desk, which neither a recording nor a train on the bus uses."""
+"""Options for driving at the desk only: rejected when viewing a recording or watching a train."""
 OF_THE_BUS: Final = ("--advice", "--train", "--punctuality", "--bus", "--insecure-bus")
-"""The options of a drive that a watched train uses as well."""
+"""Options for driving that also apply to --watch."""
 OF_A_WATCH: Final = ("--route", "--vehicle", "--connect")
 
 WhatArgument = Annotated[
@@ -49,7 +49,7 @@ AtOption = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class WatchAsked:
-    """Options on a train that is watched."""
+    """Options for watching a train."""
 
     watch: Annotated[bool, typer.Option("--watch", help="Show a train on the bus; nothing is driven.")] = False
     route: Annotated[str | None, typer.Option("--route", metavar="ROUTE", help="--watch: the node's route.")] = None
@@ -61,12 +61,10 @@ class WatchAsked:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionLooks:
-    """Options on the language of the page, and on its address."""
+    """Options for the language and the address of the page."""
 
     language: Annotated[Language, typer.Option("--language", help="The language of the page.")] = Language.EN
-    opens: Annotated[
-        bool, typer.Option("--open/--no-open", help="Open a browser, or print the address alone on a line.")
-    ] = True
+    opens: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser, or only print the address.")] = True
     port: Annotated[
         int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="Port of the page (0: a free one).")
     ] = 0
@@ -74,17 +72,17 @@ class SessionLooks:
 
 @dataclass(frozen=True, kw_only=True)
 class DeskLooks(SessionLooks):
-    """Options on the appearance of the desk, and on its address."""
+    """Options for the appearance of the desk and the address of its page."""
 
     notches: Annotated[
         int,
-        typer.Option("--notches", metavar="N", min=0, max=MOST_NOTCHES, help="Steps of the lever each way; 0: none."),
+        typer.Option("--notches", metavar="N", min=0, max=MOST_NOTCHES, help="Lever steps each way; 0: no steps."),
     ] = 10
     punctuality: Annotated[
         bool, typer.Option("--punctuality/--no-punctuality", help="Show on the page how late the train is.")
     ] = True
     lsl: Annotated[
-        bool, typer.Option("--lsl", help="Also stream lever, marks and cab over LSL, to all of the local network.")
+        bool, typer.Option("--lsl", help="Also stream lever, marks and cab over LSL, to the whole local network.")
     ] = False
 
 
@@ -102,7 +100,7 @@ def desk(
 ) -> None:
     """Drive a simulated train yourself in the browser, replay a drive as its driver saw it, or watch a train.
 
-    The advice node runs as well, and everything is recorded. A recording plays on the same page, at any pace.
+    In a drive, the advice node runs as well and everything is recorded. Recordings play on the same page, at any pace.
     """
     if watched.watch:
         refuse_given("--watch shows a train on the bus; nothing is driven", *OF_A_DRIVE, "--at", "--of-train")
@@ -119,7 +117,7 @@ def desk(
     refuse_given(f"{what} is a scenario; expected a recording (.mcap)", "--at", "--of-train")
     factor = pace_factor(pace)
     if factor is None:
-        raise DasError(f"--pace {pace}: a person needs a pace; expected real or a number of times real time")
+        raise DasError(f"--pace {pace}: a person needs a pace: expected real or a multiple of real time")
     if looks.lsl:
         from sim.desk.lsl import lsl_library
 
@@ -129,9 +127,9 @@ def desk(
 
 def _watch(watched: WatchAsked, asked: DayAsked, recorded: RecordingAsked, looks: DeskLooks) -> None:
     if watched.route is None or watched.vehicle is None:
-        raise DasError("--watch: needs --route and --vehicle, as the node has them")
+        raise DasError("--watch: needs --route and --vehicle, as given to the node")
     if asked.advice not in (Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
-        raise DasError(f"--advice {asked.advice}: a node sends guide and speed-and-effort: expected one of them")
+        raise DasError(f"--advice {asked.advice}: expected guide or speed-and-effort, which a node sends")
     _check_packages()
     from das.bus.access import Role
     from das.bus.config import BusFolder, bus_options
@@ -174,11 +172,11 @@ def _look_at(path: Path, train: str | None, at: str | None, looks: DeskLooks) ->
 def _drive_at_desk(
     name_or_path: str, asked: DayAsked, recorded: RecordingAsked, factor: float, looks: DeskLooks, *, as_json: bool
 ) -> None:
-    """Simulate a day that a person drives in the browser; the page opens before line and train are prepared."""
+    """Simulate a run that a person drives in the browser; the page opens before line and train are prepared."""
     recorded.check()
     _check_packages()
     if os.name != "posix":
-        raise DasError("desk: a run passes an open socket to its server: expected Linux or macOS, or --watch")
+        raise DasError("desk: driving works on Linux and macOS only: expected --watch on this system")
     from das.bus.access import Role
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
@@ -188,7 +186,7 @@ def _drive_at_desk(
 
     files = recorded.folder(asked.train)
     read = scenario_asked(name_or_path, asked.journey, recorded.out)
-    # A day that cannot be driven is rejected before a page opens.
+    # A run that cannot be driven is rejected before a page opens.
     lay_out(read, level=asked.level)
     own = None if files is None else files.file(Role.DESK)
     if own is not None:
@@ -225,7 +223,7 @@ def _check_packages() -> None:
 
 
 def show_page(address: str, *, opens: bool) -> None:
-    """Open the page, or print its address alone on a line; the address is a secret of this run."""
+    """Open the page, or only print its address, which contains the secret token of this run."""
     if not opens:
         print(address, flush=True)
         return

@@ -44,7 +44,7 @@ _DISTURBANCE = """\
 
 @dataclass(frozen=True, kw_only=True)
 class OwnScenario:
-    """The line, the train and the timetable of a scenario; without a line and a train the example is written."""
+    """Options for line, train and timetable of a scenario; without line and train, example files are written."""
 
     route: Annotated[
         str | None, typer.Option(metavar="ROUTE", help="Write a scenario for this line (bundled, or a file).")
@@ -61,7 +61,7 @@ class OwnScenario:
     end: ToOption = None
     buffer_percent: Annotated[
         float,
-        typer.Option("--buffer", metavar="PERCENT", min=0.0, max=1000.0, help="Running time above the least one."),
+        typer.Option("--buffer", metavar="PERCENT", min=0.0, max=1000.0, help="Running time above the least, in %."),
     ] = BUFFER_PERCENT
     dwell_s: Annotated[
         float, typer.Option("--dwell", metavar="S", min=0.0, help="Dwell at every stop on the way in s.")
@@ -79,7 +79,7 @@ class OwnScenario:
         check_outputs(out, inputs=(self.route, self.vehicle, self.journey), overwrite=overwrite)
 
     def text(self, title: str, out: Path) -> str:
-        """The scenario as TOML; the files it names (bundled names stay) are relative to the folder of `out`."""
+        """The scenario as TOML; paths are relative to the folder of `out`, names of bundled files stay."""
         folder = out.resolve().parent
         lines = [
             "# Made by das-sim example. All keys: docs/reference/scenarios.md",
@@ -112,7 +112,7 @@ def example(
     The set of files holds a route, a vehicle, a journey, a plan of tables, a scenario, a recorded trip, kilometre posts
     and a README.txt with the commands to run on them. Route and vehicle are invented; the trip is simulated.
 
-    A scenario is a simulated run on a line of your own, timed by a journey or with a buffer.
+    A scenario describes simulated runs on a line of your own, timed by a journey or with a buffer.
     """
     if own.route is None and own.vehicle is None:
         refuse_given("needs --route and --vehicle", *OF_SCENARIOS)
@@ -133,7 +133,7 @@ def _write_scenario(out: Path, own: OwnScenario, *, overwrite: bool) -> None:
         _, _, stops = lay_out(scenario_of(Fields.of(out, tomllib.loads(text))))
         write_whole(out, (text + _DISTURBANCE.format(stop=toml_string(stops[0].name))).encode())
     tell(f"written: {out}: {title}, {len(stops)} stops from {stops[0].name} to {stops[-1].name}")
-    tell(f"drive it: {typed('das-sim')} run {shlex.quote(str(out))}")
+    tell(f"run it: {typed('das-sim')} run {shlex.quote(str(out))}")
 
 
 def _write_example(folder: Path, *, overwrite: bool) -> None:

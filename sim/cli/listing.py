@@ -1,4 +1,4 @@
-"""The command list: the installed objects of this program and of other packages."""
+"""The command list, which lists installed objects of this program and of other packages."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Listed(StrEnum):
 
 DRIVERS: Final = {
     "perfect": "follows the full advice, speed and force, as exactly as the train can",
-    "literal": "follows the guide's card and nothing else: no limit, no board, no signal",
+    "literal": "follows only the guide's card; ignores limits, boards and signals",
     "fast": "drives as fast as allowed and brakes late",
     "top-speed": "holds one reduced maximum speed, the advised one or the driver's own",
     "timetable": "keeps time without advice",
@@ -36,15 +36,15 @@ DRIVERS: Final = {
 }
 """Behaviour of each driver."""
 OUTSIDE: Final = {
-    "package.module:Class": "a class of your own, in this process",
-    "external": "a process of its own, over the bus",
+    "package.module:Class": "a class of your own, in the process of das-sim",
+    "external": "a separate process, over the bus",
     "desk": "a person at the cab desk, in the browser (das-sim desk)",
 }
 """Drivers provided by users (docs/how-to/bring-your-own-driver.md)."""
 
 
 def brought(group: str) -> dict[str, str]:
-    """The objects of other packages in a group: each name with its package."""
+    """The names of the objects in a group that other packages provide, each with its package."""
     return {name: f"of the package {door.package}" for name, door in doors.installed(group).items()}
 
 
@@ -54,7 +54,7 @@ def listing(
 ) -> None:
     """List installed scenarios, drivers, presentations, studies, measures and importers, including plug-ins.
 
-    With one kind, it prints the meaning of each, and for scenarios and studies the file, to copy and change.
+    With one kind, it prints the meaning of each object, and for scenarios and studies the file, to copy and change.
     """
     if what is None:
         names = {str(one): [*FOUND[one]()] for one in Listed}
@@ -116,7 +116,7 @@ def _print_drivers(found: dict[str, str]) -> None:
         table.add_row(name, f"{default} {unit}", f"{limits}: {meaning} ({source})")
     print_table(table)
     tell(
-        "The table [human] of a scenario sets them, to values or ranges, and the trips made before "
+        "The table [human] of a scenario sets these parameters, to values or ranges, and the number of earlier trips "
         "(docs/reference/drivers.md)."
     )
 
@@ -174,4 +174,4 @@ FOUND: Final[dict[Listed, Callable[[], dict[str, Any]]]] = {
     Listed.MEASURES: _measures,
     Listed.IMPORTERS: _importers,
 }
-"""Functions that find all objects of a kind, by name: the meaning of each, or its data for programs."""
+"""For each kind, the function that returns all objects by name, with the meaning of each or its data."""

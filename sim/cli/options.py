@@ -33,13 +33,13 @@ FromTimeOption = Annotated[
     typer.Option(
         "--from",
         metavar="TIME",
-        help="Only from here on: 12:34 on the drive's clock, or 08:16:34Z.",
+        help="Only from this time on: 12:34 on the drive's clock, or 08:16:34Z.",
     ),
 ]
-ToTimeOption = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Only up to here, in the same form.")]
+ToTimeOption = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Only up to this time, same form.")]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", metavar="N", help="Number of processes [default: one a core].", min=1, max=1024),
+    typer.Option("--workers", metavar="N", help="Number of processes [default: one per core].", min=1, max=1024),
 ]
 DriverOption = Annotated[
     str,
@@ -47,13 +47,13 @@ DriverOption = Annotated[
         "--driver",
         metavar="DRIVER",
         help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
-        "(package.module:Class), or external, a process of its own (das-sim list drivers explains them).",
+        "(package.module:Class), or external, a separate process (explained by das-sim list drivers).",
     ),
 ]
 AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
 AdviceListOption = Annotated[
     str,
-    typer.Option("--advice", metavar="LIST", help="What the display shows, separated by commas (see das-sim run -h)."),
+    typer.Option("--advice", metavar="LIST", help="Contents of the display, separated by commas (see das-sim run -h)."),
 ]
 FrictionOption = Annotated[
     FrictionPolicy,
@@ -89,7 +89,7 @@ JourneyOption = Annotated[
         "--journey",
         metavar="FILE",
         help="Stops, dwells, passings and times of a journey file, or of a bundled journey, instead of the scenario's; "
-        "they are times of the day on which the scenario departs.",
+        "the times count on the day of the scenario's departure.",
     ),
 ]
 InProcessOption = Annotated[
@@ -112,14 +112,14 @@ Kind = TypeVar("Kind", bound=StrEnum)
 
 
 def chosen(kind: type[Kind], option: str, text: str) -> Kind:
-    """The member of an enumeration that has a name; DasError for any other text."""
+    """The member of an enumeration with the value `text`; raises DasError if there is none."""
     if text not in list(kind):
         raise DasError(f"{option} {text}: expected {one_of(kind, text)}")
     return kind(text)
 
 
 def new_recording(kind: str, otherwise: str = "say where with --out") -> Path:
-    """Make a new file in ./recordings, named by its kind and the time; an error proposes `otherwise` instead."""
+    """Make a new file in ./recordings, named by `kind` and the time; an error message proposes `otherwise`."""
     folder = Path("recordings")
     try:
         make_folder(folder)
@@ -130,7 +130,7 @@ def new_recording(kind: str, otherwise: str = "say where with --out") -> Path:
 
 @contextmanager
 def removed_if_unused(reserved: Path | None) -> Iterator[None]:
-    """Remove the empty file that `new_recording` made, if the block fails before anything is recorded in it."""
+    """Remove a file made by `new_recording` if the block fails before anything has been recorded."""
     try:
         yield
     except BaseException:
@@ -142,7 +142,7 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 @contextmanager
 def naming_recorded(*files: Path | None) -> Iterator[None]:
-    """Print, if the block is interrupted, which of these recordings already have content."""
+    """Print which of the recordings already have content if the block is interrupted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -160,7 +160,7 @@ def check_packages(extra: str, *names: str) -> None:
 
 
 def tell_energy_range(route: Route) -> None:
-    """Print the possible error of energies due to the altitudes of a line, if it is known."""
+    """Print the possible error of energies due to the altitudes of a line, if that error is known."""
     from das.domain.plausibility import energy_range
 
     if words := energy_range(route):

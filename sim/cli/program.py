@@ -62,7 +62,7 @@ GONE_EXPERIMENTS: Final = {
     "studies": "das-sim list studies",
     "power": "the notebook docs/tutorials/notebook-study-statistics.ipynb, which simulates power",
 }
-"""Former commands of the group, each with its replacement."""
+"""Former commands of the group `experiment`, each with its replacement."""
 
 
 NAME: Final = "das-sim"
@@ -76,7 +76,7 @@ ENTRIES: Final = (
     Entry(
         name="trip",
         where="sim.cli.trips:trip",
-        summary="Analyse a recorded trip: cleaning, match with the line, energy.",
+        summary="Analyse a recorded trip: cleaning, map matching, energy.",
         examples=("das-sim trip trip.csv --route route.toml --vehicle train.toml --posts posts.csv",),
     ),
     Entry(

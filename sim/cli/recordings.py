@@ -39,17 +39,17 @@ if TYPE_CHECKING:
 
 
 MOST_FIELDS = 12
-"""Largest number of fields shown of the first message that differs."""
+"""Largest number of fields shown for the first message that differs."""
 WAYS = {
     WhatIfKind.OPEN_LOOP: "the recorded drive, with the advice that it would have received",
     WhatIfKind.DRIVEN_ANEW: "the recorded run, driven by a simulated driver",
 }
 """Recorded and recomputed parts of each kind of what-if."""
 FROM_A_DRIVE = (
-    "the run was made from received messages: timetable, late departures, restrictions; what held the train up between "
-    "stops, wind and rail are not in it. Simulate it with advice and with --advice none to find what advice saved"
+    "the run was made from received messages: timetable, late departures, restrictions; delays between stops, "
+    "wind and rail are not in it. Simulate it with advice and with --advice none to find what advice saved"
 )
-"""Data that a new simulation of a real drive lacks."""
+"""A note on what the new simulation of a real drive leaves out."""
 
 
 def check(
@@ -66,7 +66,7 @@ def check(
 ) -> None:
     """Check a recording: checksums, missing messages, topics, rates, gaps, late advice, versions, inputs.
 
-    The exit code is 1 if something is wrong, else 0. With --save, the sound parts of a cut or damaged recording are
+    The exit code is 1 if something is wrong, else 0. With --save, the intact parts of a cut or damaged recording are
     first saved in a new file, and losses are reported.
     """
     check_outputs(save, inputs=(file,), overwrite=overwrite)
@@ -83,7 +83,7 @@ def check(
         if saved is not None:
             _print_saved(saved)
         elif found.recording.health.damage or not found.recording.complete:
-            tell(f"save what is sound: {typed('das-sim')} check {found.recording.path} --save NEW.mcap")
+            tell(f"save the intact parts: {typed('das-sim')} check {found.recording.path} --save NEW.mcap")
     if found.findings:
         raise typer.Exit(1)
 
@@ -224,7 +224,7 @@ def export(
 
 @dataclass(frozen=True, kw_only=True)
 class WhatIfAsked:
-    """The changes of a what-if to the recorded run, as options; if `anew` is None, the others decide its kind."""
+    """Options for the changes to a recorded run; if `anew` is None, the other options decide the kind of what-if."""
 
     cab: CabOtherwise
     driven: DrivenOtherwise
@@ -248,7 +248,7 @@ class WhatIfAsked:
     ] = None
 
     def otherwise(self) -> Otherwise:
-        """The changes; DasError for an impossible restriction."""
+        """The changes; raises DasError for an impossible restriction."""
         return Otherwise(
             cab=self.cab,
             driven=self.driven,
@@ -318,7 +318,7 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
 
 @contextmanager
 def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
-    """The file to write: `out`, or a new one next to `file`, which is removed again if nothing was recorded."""
+    """The file to write: `out`, or a new file next to `file`; a new file is removed again if it stays empty."""
     reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
     with removed_if_unused(reserved):
         yield out or reserved or file
@@ -346,7 +346,7 @@ def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeS
 
 
 def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
-    """The differences in advice of an open loop, for programs, and a function that prints them."""
+    """The differences in the advice of an open loop, for programs, and a function that prints the differences."""
     from sim.runs.what_if.open_loop import advice_apart
 
     apart = advice_apart(files[0], files[1], train)
@@ -354,7 +354,7 @@ def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, objec
 
 
 def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
-    """The differences of two drives, for programs, and a function that prints them as a report does."""
+    """The differences of two drives, for programs, and a function that prints the differences as in a report."""
     from das.bus.recording import recording_of
     from sim.cli.review import print_comparison
     from sim.drive.comparison import AlignedDrives, as_dict, drives_on_track

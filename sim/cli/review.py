@@ -46,11 +46,11 @@ class ReportPart(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ListedEvents:
-    """The filter of events that `das-sim report` lists; None lets every event pass."""
+    """The filter for the events that `das-sim report` lists; with None everywhere, every event passes."""
 
     kind: Annotated[
         list[str] | None,
-        typer.Option("--kind", metavar="KIND", help="Only events of this kind; may be given several times."),
+        typer.Option("--kind", metavar="KIND", help="Only events of this kind; may be repeated."),
     ] = None
     from_time: FromTimeOption = None
     to_time: ToTimeOption = None
@@ -61,7 +61,7 @@ class ListedEvents:
         return any((self.kind, self.from_time, self.to_time))
 
     def filter(self, drive: Drive, *, bookmarks: bool) -> Filter:
-        """The filter on the clock of a drive; DasError for an unknown kind or an invalid time."""
+        """The filter with times on the clock of a drive; raises DasError for an unknown kind or an invalid time."""
         from sim.drive.events import EventKind, Filter
 
         def moment_ns(text: str | None) -> int | None:
@@ -89,7 +89,7 @@ class NewNote:
     ] = None
 
     def add(self, files: Sequence[Path]) -> None:
-        """Add the note, if there is one; DasError without its time, outside the drive, or for several recordings."""
+        """Add the note, if any; raises DasError without a time, outside the drive, or for several recordings."""
         from sim.drive.drive import Drive
         from sim.drive.notes import Note, add_note
 
@@ -112,7 +112,7 @@ SaveOption = Annotated[
 ]
 LanguageOption = Annotated[Language, typer.Option("--language", help="Language of the driver's display.")]
 SHOWN = 8
-"""Stretches in the table of a comparison: those on which the drives differ most."""
+"""Number of stretches in the table of a comparison, which lists those on which the drives differ most."""
 
 
 def report(
@@ -167,9 +167,9 @@ def report(
 
 def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
     if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
-        raise DasError("--kind, --from and --to choose events: expected --show events or --show bookmarks with them")
+        raise DasError("--kind, --from and --to select events: expected --show events or --show bookmarks as well")
     if table is not None and len(files) < 2:
-        raise DasError("--table: expected two or more recordings; the others are compared with the first")
+        raise DasError("--table: expected two or more recordings, to compare the others with the first")
 
 
 def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
@@ -208,9 +208,9 @@ def _print_events(drive: Drive, wanted: Filter) -> None:
 
     clock, found = drive.table.clock, wanted.choose(drive.events)
     if not drive.recording.complete:
-        tell(f"{drive.recording.path}: this recording was cut off; these are the events until then")
+        tell(f"{drive.recording.path}: this recording was cut off; only events up to that time are listed")
     if not found:
-        tell(f"no such events among {len(drive.events)}")
+        tell(f"none of the {len(drive.events)} events matches the filter")
         return
     heads = ("time", str(clock.zone), "place", "kind")
     table = new_table("", ("bookmark", "what happened"), whole=heads, lines=True)
@@ -266,7 +266,7 @@ def _print_causes(attribution: Attribution) -> None:
 
 
 def print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
-    """Print the differences of each drive from the first, or why there are none; nothing for a single drive."""
+    """Print the differences of each drive from the first, or why none are known; nothing for a single drive."""
     if aligned is None:
         if not_compared:
             tell(f"not compared: {not_compared}")

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class DayAsked:
-    """Options on the run to simulate, apart from its scenario."""
+    """Options for the run to simulate, apart from the scenario."""
 
     journey: JourneyOption = None
     advice: AdviceOption = Presentation.GUIDE
@@ -68,7 +68,7 @@ class DayAsked:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingAsked:
-    """Options on the recording and the bus of the run."""
+    """Options for the recording and the bus of the run."""
 
     out: OutRecordingOption = None
     overwrite: OverwriteOption = False
@@ -80,7 +80,7 @@ class RecordingAsked:
         check_outputs(self.out, overwrite=self.overwrite)
 
     def folder(self, train: str) -> BusFolder | None:
-        """The folder of bus files for a train; DasError for a bad one, and for a name that no train can have."""
+        """The folder of bus files for a train; raises DasError for a bad folder or an impossible name of a train."""
         from das.bus.config import bus_folder
         from das.bus.topics import check_train_name
 
@@ -88,7 +88,7 @@ class RecordingAsked:
 
 
 def scenario_asked(name_or_path: str, journey: str | None, out: Path | None) -> Scenario:
-    """The scenario with its journey; DasError if the recording would replace a file of either."""
+    """The scenario with its journey; raises DasError if the recording would replace a file that is read."""
     from sim.world.scenario import load_scenario
     from sim.world.service import scenario_files
 
@@ -112,7 +112,7 @@ def prepared_day(scenario: Scenario, asked: DayAsked, person: Participant | None
 
 
 def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: float | None) -> DayResult:
-    """Simulate the run: over the bus if there is a recording to write, else in this process, with the drive's table."""
+    """Simulate the run: over the bus if a recording is written, else in this process, keeping the drive's table."""
     from sim.world.disturbances import described
     from sim.world.driving import drive_day
     from sim.world.outcome import DayResult, outcome
@@ -121,7 +121,7 @@ def drive_recorded(day: Day, driver: Driver, how: How, out: Path | None, speed: 
         title = f"{day.service.scenario.id}, {how.driver}"
         first = "starting node and recorder" if out else "driving"
         with naming_recorded(out), progress_bar(title, first, "km") as progress:
-            pace = _Pace(None if how.paced else speed, progress)  # at a pace, the external driver alone keeps it
+            pace = _Pace(None if how.paced else speed, progress)  # only the external driver waits at a pace
             run, traffic, table = drive_day(day, driver, how, out, pace.tick, keep=out is None)
     except DasError as error:
         if out is None or not out.is_file() or out.stat().st_size == 0:
@@ -152,11 +152,11 @@ class _Pace:
 
     @property
     def driven_s(self) -> float:
-        """Time (s) since the end of the first tick: node and recorder are still starting before it."""
+        """Time (s) since the end of the first tick, before which node and recorder are still starting."""
         return self._now - self._began
 
     def tick(self, done_m: float, all_m: float) -> None:
-        """Count one driven second, and wait until it has passed at the wanted pace."""
+        """Count one simulated second, and wait until it has passed at the wanted pace."""
         from sim.world.lockstep import sleep_until
         from sim.world.loop import TICK_S
 
@@ -235,7 +235,7 @@ def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
 
 
 def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
-    """Print what the driver saw, a line for each other instruction or reason, and the node's log in between."""
+    """Print what the driver saw, a line for each change of instruction or reason, and the node's log in between."""
     from itertools import groupby
 
     from sim.drive.table import DriveTable
@@ -253,7 +253,7 @@ def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
 
 
 def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint: str | None) -> str | None:
-    """The endpoint of the run for an external driver, None without one; DasError if the options contradict that."""
+    """The endpoint for an external driver; None without one. Raises DasError if the options contradict each other."""
     if driver is not EXTERNAL:
         refuse_given(f"needs --driver {EXTERNAL}", "--driver-at")
         return None
@@ -265,7 +265,7 @@ def _driver_at(driver: DriverName, in_process: bool, bus: Path | None, endpoint:
 
 
 def _external(day: Day, how: How, factor: float | None) -> ExternalDriver:
-    """The external driver, a separate process; prints where the run waits for it."""
+    """The external driver, in a separate process; prints the endpoint at which the run waits for it."""
     from sim.world.external import ExternalDriver
 
     where = how.bus.path if how.bus is not None else how.driver_at

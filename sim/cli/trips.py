@@ -1,4 +1,4 @@
-"""The commands on recorded trips: analyse one, or replay it; and das-sim without a command."""
+"""The commands on recorded trips (analyse, replay), and the demonstration that das-sim runs without a command."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def trip(
     vehicles: VehiclesOption = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Cleaned trip (.csv) to write: one row a point."),
+        typer.Option("--out", "-o", metavar="FILE", help="Cleaned trip (.csv) to write: one row per point."),
     ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Analyse a recorded trip: cleaning, match with the line, standstills, energy, train."""
+    """Analyse a recorded trip: cleaning, map matching, standstills, energy, train."""
     inputs = (file, options.route, options.vehicle, options.posts, options.loss_map)
     check_outputs(out, inputs=inputs, overwrite=overwrite)
     trains = None if vehicles is None else _trains(vehicles, options)
@@ -64,7 +64,7 @@ def _trains(vehicles: str, options: TripOptions) -> list[tuple[str, Vehicle]]:
 
     for name, value in (("--vehicle", options.vehicle), ("--loss-map", options.loss_map)):
         if value is not None:
-            raise DasError(f"{name} {value}: expected either {name} or --vehicles, which finds the train")
+            raise DasError(f"{name} {value}: --vehicles identifies the train: expected no {name} with it")
     return candidates(vehicles)
 
 
@@ -118,7 +118,7 @@ def replay(
 
 
 def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
-    """Replay a trip into a recording, with a solver that is loaded; the figures of the replay."""
+    """Replay a trip into a recording and return the figures of the replay; the solver must be loaded."""
     from sim.runs.replay import prepare
     from sim.runs.replay import replay as run_replay
     from sim.runs.replay_figures import result, trip_energies
@@ -136,7 +136,7 @@ def replayed(trip: Path, options: ReplayOptions, out: Path) -> dict[str, Any]:
 
 
 def load_solver() -> None:
-    """Load the compiled solver, or compile it. A signal ends the process immediately, so nothing may be open yet."""
+    """Load or compile the solver. Meanwhile a signal ends the process immediately, so no file may be open."""
     with loading_solver(LATE_KERNELS):
         from das.cab.cab import warm_up
 
@@ -153,12 +153,12 @@ def bundled_recording() -> Path:
 
 
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
-"""The driver of the bundled recording, who can be shown the guide."""
+"""The driver of the bundled recording, who can also drive with the guide."""
 HANGS_ON: Final = (
-    "This driver ignores the clock without advice, follows the guide, and brakes with the motors first; drivers who "
-    "keep to the timetable save less (docs/explanation/guide-figures.md)."
+    "Without advice this driver ignores the timetable. The driver follows the guide and brakes with the motors "
+    "first. Drivers who keep to the timetable save less (docs/explanation/guide-figures.md)."
 )
-"""Conditions on which the figures of the result depend, in a sentence."""
+"""Sentences on the conditions on which the figures of the result depend."""
 LOOK_AGAIN_S: Final = 0.2
 """Interval (s) at which the progress of the drive with the guide is shown."""
 
@@ -181,10 +181,10 @@ def first_minute() -> None:
 
 
 class _Guided:
-    """A new simulation of a recorded trip by the same driver with the guide, in a thread; use with `with`.
+    """A new simulation of a recorded trip by the same driver with the guide, in a thread; a context manager.
 
-    Each drive mostly waits for its own node, so that two at a time take little longer than one. If the block ends
-    early, so does the drive.
+    Each drive mostly waits for a node of its own, so that two at a time take little longer than one. If the block
+    ends early, the drive is ended too.
     """
 
     def __init__(self, trip: Path, out: Path) -> None:
@@ -201,7 +201,7 @@ class _Guided:
         self._pool.shutdown(wait=True)
 
     def finish(self) -> None:
-        """Show the progress of the drive until it has ended; raises the error that ended it early."""
+        """Show progress until the drive has ended; raises the error that ended the drive early, if any."""
         if not self._drive.done():
             with progress_bar("driving the trip with the guide", "under way", "m") as progress:
                 while wait([self._drive], LOOK_AGAIN_S).not_done:
@@ -233,7 +233,7 @@ def _compared(recorded: Path, guided: Path) -> AlignedDrives:
 
 
 def _print(found: AlignedDrives) -> None:
-    """Print both drives side by side, and one sentence on the saving by the guide and its conditions."""
+    """Print both drives side by side, and sentences on the guide's saving and the conditions for it."""
     before, after = (one.drive for one in found.drives)
     alone_j, guided_j = (float(one[-1]) for one in found.energy_j)
     start, end = before.calls[0], before.calls[-1]
@@ -245,7 +245,7 @@ def _print(found: AlignedDrives) -> None:
         ("instructions in the cab", "none", f"{after.figures.instructions.instructions}"),
     )
     way = f"from {start.name} to {end.name}, {before.travelled.way_m / KM:.0f} km"
-    tell(f"A late train {way}; the same simulated driver twice:")
+    tell(f"A late train {way}, driven twice by the same simulated driver:")
     width = max(len(name) for name, _, _ in rows)
     for name, one, other in rows:
         tell(f"{name:<{width}}  {one:>12}  {other:>14}")

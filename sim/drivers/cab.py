@@ -1,4 +1,4 @@
-"""The view of a driver (the cab, and the advice on its display), the interface of all drivers, and a driver's diary."""
+"""The view of a driver (the cab and its display), the interface of all drivers, and a driver's diary."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sim.plant import kernels
 from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command, TrainNumbers
 
 AT_STOP_M = 10.0
-"""Largest distance (m) from its stop of a standing train that has arrived, with its doors at the platform."""
+"""Largest distance (m) from its stop at which a standing train counts as arrived, with all doors at the platform."""
 
 
 class Efforts(NamedTuple):
@@ -116,13 +116,13 @@ class AdviceView:
 
 
 class CabView(NamedTuple):
-    """The information of the driver at a moment (times in s on the cab's clock).
+    """The information that a driver has at a moment (times in s on the cab's clock).
 
     `s_m` is the position according to the kilometre marks, `speed_mps` and `limit_mps` are as displayed. `stop_m` is
     the next timetabled stop, due at `arrival_s`. The train may leave from `departure_s` on if it `may_depart` (doors
     closed, signal clear). `signal_m` is the next signal at danger in sight (inf: none). `advice` is None if none is
     shown; `cause` is then the reason, by its number on the bus. `late_s` is the lateness against the plan,
-    `gradient_ratio` that of the line at the train's head, and `force_…_n` the forces of motors and friction brake.
+    `gradient_ratio` the gradient at the train's head, and `force_…_n` the forces of motors and friction brake.
     """
 
     time_s: float
@@ -170,7 +170,7 @@ class Driver(Protocol):
 
 
 def beginning_of(driver: object) -> Callable[[Any], None] | None:
-    """The method `begin` of a driver in another process, which a run calls with its link to that process; else None."""
+    """The method `begin` of a driver in another process, called by a run with the link to that process; else None."""
     begin: Callable[[Any], None] | None = getattr(driver, "begin", None)
     return begin
 
@@ -184,16 +184,16 @@ KINDS: Final = (
     *("glance", "noticed", "reaction", "followed", "refused"),
     *("acted", "lapse", "lever", "changed", "expected"),
 )
-"""The kinds of events, in the order of `Decision.Kind` on the bus, which explains them."""
+"""The kinds of events, in the order of `Decision.Kind` in das/bus/das.proto, which explains each kind."""
 
 
 class DriverEvent(NamedTuple):
     """An action or observation of a driver: the time (s on the cab's clock), the kind (one of `KINDS`), and a number.
 
     The number is, for `glance`, `noticed`, `followed`, `refused` and `changed`: the mode of the advice (0: none); for
-    `reaction` and `lapse`: its length as drawn (s); for `acted`: 1 if the advice is followed; for `lever`: the new
+    `reaction` and `lapse`: the length as drawn (s); for `acted`: 1 if the advice is followed; for `lever`: the new
     setting of a controller that was at rest; for `expected`, which precedes `reaction`: the share of a reaction time
-    for the announced change.
+    that an announced change takes.
     """
 
     time_s: float

@@ -1,4 +1,4 @@
-"""The drivers by name: those that follow rules, the perfect follower of the advice, the human, and the user's own."""
+"""The drivers by name: rule followers, the perfect follower of advice, the literal reader, the human, a user's own."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class FastDriver:
         return stand(cab) or self._drive(cab, self.foresight.outlook(cab), math.inf)
 
     def _drive(self, cab: CabView, outlook: Outlook, top_mps: float, roll_mps: float = 0.0) -> Command:
-        """Drive under the ceiling and a top speed, without braking up to `roll_mps` above the top speed."""
+        """Drive under the ceiling and a top speed; brakes stay off while it is exceeded by at most `roll_mps`."""
         stopping = stop_at(cab, outlook, cab.halt_m, self.foresight.habit.braking_mps2)
         if stopping is not None:
             return stopping
@@ -72,7 +72,7 @@ class TopSpeedDriver(FastDriver):
         rolled_mps = self._roll_off.speed_mps(top_mps, cab.speed_mps)
         if rolled_mps is None:
             return self._drive(cab, outlook, top_mps)
-        # The lowest speed reached is now the top speed: no traction, and brakes only against gaining speed downhill.
+        # The lowest speed reached is now the top speed: no traction, and brakes only to prevent acceleration.
         return self._drive(cab, outlook, rolled_mps)._replace(high_n=0.0)
 
 
@@ -103,7 +103,7 @@ class PerfectDriver:
         self._alone, self._minding = TimetableDriver(line), FastDriver(line)
         self._followers: dict[Presentation, Follower | None] = {}
         self._minds = False
-        """Whether the driver brakes for something unknown to the advice, also after the display goes blank."""
+        """Whether the driver obeys something unknown to the advice; remains true after the display goes blank."""
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
@@ -121,7 +121,7 @@ class PerfectDriver:
         return stand(cab) or follower.command(cab, view, outlook) or self._alone.command(cab)
 
     def _follower(self, presentation: Presentation) -> Follower | None:
-        """The follower of a presentation until the next departure; None if it does not show how to drive."""
+        """The follower of a presentation, kept until the next departure; None if it does not show how to drive."""
         if presentation not in self._followers:
             self._followers[presentation] = presenter_of(presentation).follower()
         return self._followers[presentation]
@@ -140,7 +140,7 @@ class PerfectDriver:
 
 
 class LiteralDriver:
-    """Follows the guide's card, with no other knowledge, to show where the card alone leads.
+    """Follows the guide's card, with no other knowledge, to show how a train runs by the card alone.
 
     The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, and
     brakes by eye only if the card shows no effort. Without the guide it drives as `TimetableDriver`.
@@ -162,7 +162,7 @@ class LiteralDriver:
         return self._obeyed(cab, self._read(cab, view.departure))
 
     def _read(self, cab: CabView, view: AdviceView) -> AdviceView:
-        """The card that is due: the card shown, or until it is due the previous one."""
+        """The card that applies: the card shown once it is due, until then the previous card."""
         due, v = self._due, cab.speed_mps
         if due is None or cab.time_s - view.time_s >= view.due_s:
             same = due is not None and (due.mode, due.speed_mps) == (view.mode, view.speed_mps)
@@ -186,7 +186,7 @@ class LiteralDriver:
             return self._by_eye(cab, outlook)
         if told is Asked.KEEP_BELOW and card.speed_mps > 0:
             return hold(cab, outlook, card.speed_mps, high_n=0.0)
-        return lever(-1.0)  # The card shows stop.
+        return lever(-1.0)  # The card shows "stop".
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
         if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:
@@ -208,7 +208,7 @@ def make_driver(
 ) -> Driver:
     """Make a driver for a line.
 
-    Only the human driver uses the parameters, the friction policy and the stream (the number of its random numbers);
+    Only the human driver uses the parameters, the friction policy and `stream` (the number of its random stream);
     the seed is passed to the human driver and to a user's class. Raises DasError for a class that cannot be used.
     """
     if isinstance(kind, OwnClass):

@@ -1,4 +1,4 @@
-"""The way in which human drivers hold a speed, brake and move the controller, with the settings that all of them share.
+"""How human drivers hold a speed, brake and move the controller, with the settings that all human drivers share.
 Parameters that differ between drivers, or that a scenario can set, are in `sim.drivers.parameters`.
 """
 
@@ -34,13 +34,13 @@ class HumanSettings:
     settled_mps: float = 0.1
     """Excess over a limit (m/s) at which braking for it ends."""
     regained_s: float = 10.0
-    """Least time (s) of gaining the dead band of speed on a descent for releasing the brakes there."""
+    """Least time (s) in which a descent adds the dead band to the speed for the brakes to be released there."""
     eased_s: float = 6.0
     """Time (s) in which a driver removes the excess over a limit by braking."""
     nearest_m: float = 0.3
-    """Last distance (m) before the mark; there, and beyond the mark, the driver brakes as planned."""
+    """Last distance (m) before the mark; within it and beyond the mark, the driver brakes as planned."""
     missed_m: float = 0.5 * AT_STOP_M
-    """Largest misjudgement (m) of the place of a mark. Braking adds its own error, and a train further off than
+    """Largest misjudgement (m) of the place of a mark. Braking adds a further error, and a train further off than
     `AT_STOP_M` counts as not arrived."""
 
 
@@ -51,18 +51,18 @@ class HeedingSettings:
     warning_mps: float = 1.5
     """Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
     watched_mps: float = 1.5
-    """Margin (m/s) below the highest permitted speed; within it, that speed has priority over advice."""
+    """Margin (m/s) below the highest permitted speed; within the margin, that speed has priority over advice."""
     eased_off_s: float = 1.5
-    """Time (s) before the train reaches a speed at which a driver who accelerates to it eases off."""
+    """Time (s) before reaching the target speed of an acceleration at which the driver eases off."""
     expected_within_s: float = 5.0
     """Longest time (s) between a change of the advice and the announced change for it to count as announced."""
     made_good_s: float = 20.0
-    """Least displayed lateness (s) for driving as fast as allowed, and least earliness for driving just in time."""
+    """Displayed lateness (s) from which on a driver drives as fast as allowed, and earliness for just in time."""
     creeps_mps: float = 10.0 * KMH
     """Lowest speed (m/s) of a driver who brakes for a stop by eye, before braking is necessary."""
     least_effort_s: float = 4.0
-    """Shortest acceleration (s) that a driver begins, instead of holding the speed. For so short a brake the train
-    rolls instead."""
+    """Shortest acceleration (s) that a driver begins; for a shorter one the speed is held. Instead of braking for a
+    shorter time, the train rolls."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class HandSettings:
     waits_ratio: float = 0.3
     """Share of the controller's scale above which a change is not small: one and a half steps of a display."""
     end_stop_ratio: float = 0.99
-    """Share of the controller's scale above which an effort is set at the end of the scale, where there is a stop."""
+    """Share of the controller's scale above which an effort counts as the end of the scale, a mechanical stop."""
 
 
 HANDLING: Final = HumanSettings()
@@ -91,20 +91,20 @@ class Wander:
         self.value = float(random.standard_normal())
 
     def over(self, span_s: float) -> None:
-        """Let a time pass; the step is exact for any length."""
+        """Advance by a time (s); the step is exact for any length."""
         keep = math.exp(-span_s / self._correlation_s)
         self.value = keep * self.value + math.sqrt(1.0 - keep * keep) * float(self._random.standard_normal())
 
 
 class Errors:
-    """The errors of a driver's speed and effort, which wander slowly."""
+    """The slowly wandering errors of a driver's speed and effort."""
 
     def __init__(self, human: HumanParameters, speed: np.random.Generator, force: np.random.Generator) -> None:
         self._human = human
         self._speed, self._force = Wander(human.speed_error_s, speed), Wander(human.force_error_s, force)
 
     def over(self, span_s: float) -> None:
-        """Let a time pass."""
+        """Advance by a time (s)."""
         self._speed.over(span_s)
         self._force.over(span_s)
 
@@ -120,7 +120,7 @@ class Errors:
 
 
 class StopMark:
-    """The driver's estimate of the stopping point of the next halt: drawn once for each halt, never beyond a signal."""
+    """The driver's estimate of the next stopping point: drawn once for each halt, never beyond a signal."""
 
     def __init__(self, human: HumanParameters, random: np.random.Generator) -> None:
         self._human, self._random = human, random
@@ -138,7 +138,7 @@ class StopMark:
 
 
 class SpeedHold:
-    """Holds a speed with the driver's dead band; remembers between looks whether an error is being corrected."""
+    """Holding of a speed with the driver's dead band; keeps between looks whether an error is being corrected."""
 
     def __init__(self, human: HumanParameters) -> None:
         self._human = human
@@ -175,7 +175,7 @@ class SpeedHold:
 
 
 class Handling:
-    """Holds speeds and brakes, with the driver's dead band and errors."""
+    """Holding of speeds, and braking, with the driver's dead band and errors."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class Handling:
         self._ceiling.stand()
 
     def friction_ratio(self, *, follows_effort: bool) -> float:
-        """The share of a braking effort by the friction brake although the motors could supply it."""
+        """The friction brake's share of a braking effort that the motors could supply."""
         by_advice = self._friction is FrictionPolicy.BY_ADVICE and follows_effort
         electric = by_advice or self._friction is FrictionPolicy.ELECTRIC_FIRST
         return 0.0 if electric else self._human.friction_ratio
@@ -223,7 +223,7 @@ class Handling:
         return min(self.held(cab, outlook, min(rolled_mps, allowed_mps)), 0.0)
 
     def held(self, cab: CabView, outlook: Outlook, speed_mps: float, *, ceiling: bool = False) -> float:
-        """The setting that holds a speed: the intended one, or a `ceiling` over advice on effort."""
+        """The setting that holds a speed: the intended speed, or a `ceiling` for the speed under advised effort."""
         error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
         needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
         crawls = cab.speed_mps <= TRACKING.stopping_mps
@@ -238,9 +238,9 @@ class Handling:
         return self.efforts.lever_ratio(self._hold.push_n(error, outlook.train.inertial_mass_kg))
 
     def needed_braking(self, cab: CabView, outlook: Outlook, reach_s: float) -> float | None:
-        """The deceleration (m/s²) for the limits and stops ahead; None while not braking for any of them.
+        """The deceleration (m/s²) for the limits and stops ahead; None while the driver brakes for none of them.
 
-        `reach_s` is the time in which the hand returns the controller from traction.
+        `reach_s` is the time (s) that the hand needs to return the controller from traction to 0.
         """
         human, v, s = self._human, cab.speed_mps, cab.s_m
         needed = outlook.needed_braking_mps2(s, v, v * HANDLING.eased_s)
@@ -270,10 +270,10 @@ class Handling:
 
 
 class Hand:
-    """The setting of the controller (−1 … 1), moved as fast as a hand moves it.
+    """The setting of the controller (−1 … 1), moved at the speed of a hand.
 
     After setting the controller the driver waits to see the effect: the next small change follows only after a while,
-    unless it is urgent or for another `task`. Traction or braking that has lasted that long ends without a wait.
+    unless it is urgent or for another `task`. Traction or braking that has lasted that while ends without a wait.
     """
 
     def __init__(self, human: HumanParameters, diary: Diary) -> None:
@@ -284,7 +284,7 @@ class Hand:
 
     @property
     def reach_s(self) -> float:
-        """The time (s) to return the controller from traction."""
+        """The time (s) to return the controller from traction to 0."""
         human = self._human
         full_s = human.notches * human.notch_s if human.notches else 1.0 / human.lever_rate_per_s
         return max(self.setting, 0.0) * full_s
@@ -294,7 +294,7 @@ class Hand:
         self.setting, self._left_s, self._begun_s = 0.0, -math.inf, -math.inf
 
     def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
-        """Move the controller towards a setting for a time (s)."""
+        """Move the controller towards a setting during `span_s`."""
         before = self.setting
         small = abs(wanted - before) < HAND.waits_ratio and abs(wanted) < 1.0 and not self._moving
         since_s = self._begun_s if wanted * before <= 0 else self._left_s

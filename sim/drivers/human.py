@@ -21,7 +21,7 @@ from sim.plant.plant import COAST, lever
 
 
 class Chance:
-    """A driver's random numbers: one stream for each kind of event, so that a parameter changes no other draws."""
+    """A driver's random numbers: one stream for each kind of event, so that a parameter affects only its own draws."""
 
     def __init__(self, seed: int, stream: int) -> None:
         streams = np.random.SeedSequence(seed, spawn_key=(stream,)).spawn(7)
@@ -36,7 +36,7 @@ class ReactionTimes:
         self._human, self._random, self._diary = human, chance.reactions, diary
 
     def draw(self, now_s: float, *, of_itself: float = 1.0) -> float:
-        """The next reaction time (s); `of_itself` is the share of it that remains for an announced change."""
+        """The next reaction time (s); `of_itself` is the share of the time taken: below 1 if announced."""
         human = self._human
         normal = float(self._random.standard_normal())
         reaction_s = human.reaction_median_s * math.exp(human.reaction_log_sd * normal)
@@ -58,7 +58,7 @@ def _shown_mode(view: AdviceView) -> int:
 
 
 class Lapses:
-    """Lapses of the driver's attention: they begin at random, and the train's speed warning ends them early."""
+    """Lapses of the driver's attention: they begin at random, and the train's speed warning ends a lapse early."""
 
     def __init__(self, human: HumanParameters, chance: Chance, diary: Diary) -> None:
         self._human, self._random, self._diary = human, chance.lapses, diary
@@ -96,7 +96,7 @@ class Heeded(NamedTuple):
 
     @property
     def task(self) -> int | None:
-        """The driving regime of the advice followed; None if it shows none, or no advice is followed."""
+        """The driving regime of the advice followed; None if no advice is followed, or the advice shows none."""
         return self.view.mode if self.by_effort and self.view is not None else None
 
     @property
@@ -113,7 +113,7 @@ class Announced(NamedTuple):
 
 
 class DisplayReading:
-    """Glances at the display, decides whether to follow new advice, and acts on the decision after a reaction time."""
+    """The driver's glances at the display, decisions on new advice, and actions after a reaction time."""
 
     def __init__(self, human: HumanParameters, chance: Chance, times: ReactionTimes, diary: Diary) -> None:
         self._human, self._chance, self._times, self._diary = human, chance, times, diary
@@ -154,7 +154,7 @@ class DisplayReading:
         self._glance_s = now_s + human.glance_least_s + beyond_s * float(self._chance.looks.standard_exponential())
         self._seen = view = cab.shown
         self._diary.note(now_s, "glance", 0 if view is None else view.mode)
-        read = None if view is None else view.departure  # The train moves, so it has been cleared.
+        read = None if view is None else view.departure  # A moving train has been cleared.
         item = None if read is None else (read.presentation, *presenter_of(read.presentation).item(read))
         if item != self._judged:
             self._judged = item
@@ -201,7 +201,7 @@ class DisplayReading:
 
 
 BEGUN_RATIO = 0.5
-"""Least share of an effort at which the acceleration or brake has begun for the driver who set it."""
+"""Share of an effort from which on the acceleration or braking counts as begun."""
 
 
 class Motion:
@@ -222,7 +222,7 @@ class Motion:
 
 
 class Departure:
-    """The start of a standing train: one reaction time after it may depart."""
+    """The departure of a standing train: one reaction time after it may depart."""
 
     def __init__(self, times: ReactionTimes) -> None:
         self._times = times
@@ -370,7 +370,7 @@ class HumanDriver:
         return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The highest speed of the driver: the display's top speed, or the driver's own, from just in time to fast."""
+        """The driver's top speed (m/s): the displayed one, or a speed between just in time and as fast as allowed."""
         heeded = self._display.heeded
         if heeded.view is not None and self._by_top_speed:
             return heeded.view.shown_speed_mps
@@ -379,7 +379,7 @@ class HumanDriver:
 
     @property
     def _haste_ratio(self) -> float:
-        """The haste without advice on how to drive, 0 (just in time) to 1; more if shown to be late, less if early."""
+        """The haste without advice on how to drive, 0 (just in time) to 1; more if shown late, less if shown early."""
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
             return haste

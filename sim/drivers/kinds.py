@@ -1,4 +1,4 @@
-"""The names of drivers, presentations and friction policies; imports nothing heavy, because command lines need them."""
+"""The names of drivers, presentations and friction policies; its imports are light, because command lines need it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class OwnClass:
 
 
 class External(StrEnum):
-    """A driver in a separate process, which drives over the bus."""
+    """A driver in a separate process that drives over the bus."""
 
     EXTERNAL = "external"
     DESK = "desk"
@@ -50,7 +50,7 @@ _OWN_CLASS = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 
 def named_driver(option: str, text: str) -> DriverName:
-    """The driver named by a text; `option` begins the message of the DasError for any other text."""
+    """The driver named by a text; raises DasError for any other text, with a message that begins with `option`."""
     if text in list(DriverKind):
         return DriverKind(text)
     if text in list(External):
@@ -67,8 +67,8 @@ def named_driver(option: str, text: str) -> DriverName:
 class Presentation(StrEnum):
     """The presentations: the parts of the same advice that a display shows.
 
-    A new presentation needs one line here and a module of its name in `sim/drivers/presentations`; or an entry point
-    `das.presentations` of another package.
+    A new presentation needs one line here and a module of the same name in `sim/drivers/presentations`; or another
+    package with an entry point `das.presentations`.
     """
 
     _ignore_ = "one, member"
@@ -86,7 +86,7 @@ class Presentation(StrEnum):
     SHEET = "sheet"
     """Instructions by kilometre on paper, which never change."""
     for one in installed(PRESENTATIONS):
-        if (member := one.upper().replace("-", "_")) not in vars():  # The bundled ones keep their names.
+        if (member := one.upper().replace("-", "_")) not in vars():  # Names of bundled presentations are not replaced.
             vars()[member] = one
 
 
@@ -96,7 +96,7 @@ class FrictionPolicy(StrEnum):
     AS_MEASURED = "as-measured"
     """The share `friction_ratio` of the braking effort by friction, whatever the display shows."""
     ELECTRIC_FIRST = "electric-first"
-    """Friction only if the motors are not sufficient."""
+    """The friction brake only if the motors are not sufficient."""
     BY_ADVICE = "by-advice"
     """Friction as measured, but electric first while the driver follows advice on effort."""
 

@@ -21,8 +21,8 @@ from sim.plant.kernels import TrainNumbers, brake_effort, running_resistance, tr
 from sim.plant.plant import train_numbers
 
 PLANNED_RATIO, PLANNED_AT_MPS = 0.8, 5.0
-"""Largest share of the train's braking at a speed (m/s) on the level that a driver plans to use: the rest compensates
-for errors and for the time until the brakes act."""
+"""Largest share of the train's braking on level track, at a reference speed (m/s), that a driver plans to use: the
+rest compensates for errors and for the time until the brakes act."""
 CELL_M = 5.0
 """Length (m) of the cells in which the line is remembered, counted back from the halt."""
 SLOWEST_CAP_MPS = 20.0 * KMH
@@ -30,15 +30,15 @@ CAP_HALVINGS = 14
 
 
 _LEAST_BRAKING_MPS2 = 0.02
-"""Least braking (m/s²) that a train is assumed to have: the ceiling would otherwise rise without end."""
+"""Least braking (m/s²) that a train is assumed to have: on steep descents the ceiling would otherwise fall to zero."""
 _CRAWL_MPS = 0.5
 """Speed (m/s) at which a train in front of a gradient that it cannot climb is assumed to crawl."""
 
 
 @kernel
 def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: ignore[no-untyped-def]
-    """The greatest w at each node with which planned braking keeps the limits ahead and ends in a standstill. Planned
-    braking is at most `braking` (m/s²), and at most the share `reserve` of the brakes' capability.
+    """The greatest w at each node from which planned braking keeps the limits ahead and stops at the last node. Planned
+    braking is at most `braking` (m/s²), and at most the share `reserve` of the largest braking force.
     """
     n = limit.size
     w = np.zeros(n + 1)
@@ -55,7 +55,7 @@ def ceiling(step, limit, line_n, tunnel, supply, braking, reserve, p):  # type: 
 
 @kernel
 def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-def]
-    """The least steady deceleration (m/s²) from v at s that stays below w everywhere ahead; negative: none is needed.
+    """The least constant deceleration (m/s²) from v at s that keeps v² below w at all nodes ahead; < 0: none is needed.
 
     The distance to brake over is taken as at least `least_way` (m). `first` is the position of the first node of w.
     """
@@ -65,14 +65,14 @@ def needed_braking(step, first, w, s, v, least_way):  # type: ignore[no-untyped-
         way = max(first + step * i - s, least_way)
         needed = max(needed, (v * v - w[i]) / (2.0 * way))
         if v * v / (2.0 * way) < needed:
-            break  # not even a standstill further on needs more
+            break  # not even a stop at a node further on needs more
         i += 1
     return needed
 
 
 @kernel
 def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ignore[no-untyped-def]
-    """Time (s) of the fastest trajectory from node `start`, where w is w0, under the ceiling `top` and `cap`."""
+    """Time (s) of the fastest trajectory from node `start`, where w is w0, under `top` and `cap` (both v²)."""
     w = min(w0, top[start], cap)
     v = math.sqrt(w)
     total = 0.0
@@ -105,7 +105,7 @@ def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_m
 @dataclass(frozen=True, kw_only=True)
 class Habit:
     """A driver's margins to the permitted speeds. Braking is planned with `braking_mps2`, and at most `reserve_ratio`
-    of the brakes' capability. Speeds stay `below_mps` below limits, but at most a tenth of the limit.
+    of the largest braking force. Speeds stay below limits by `below_mps`, or by a tenth of the limit if that is less.
     """
 
     braking_mps2: float
@@ -135,7 +135,7 @@ class LineKnowledge:
         object.__setattr__(self, "supply", self.route.supply())
 
     def planned_braking_mps2(self, wish_mps2: float) -> float:
-        """The deceleration (m/s²) planned for limits and stops: the driver's own, or the train's if that is lower."""
+        """The deceleration (m/s²) planned for limits and stops: the driver's wish, or what the train can, if lower."""
         train = self.train
         brakes_mps2 = float(brake_effort(PLANNED_AT_MPS, 1.0, train)) / train.inertial_mass_kg
         return min(wish_mps2, PLANNED_RATIO * min(brakes_mps2, train.max_deceleration_mps2))
@@ -155,8 +155,8 @@ class _Lists(NamedTuple):
 class Outlook:
     """The line up to the next halt as a driver with a certain habit of braking foresees it.
 
-    It holds for positions up to the halt. Before the first cell and beyond the last, the values of these two cells
-    hold.
+    It is valid for positions up to the halt. Outside the grid of cells, the values of the first or last cell
+    apply.
     """
 
     def __init__(self, line: LineKnowledge, cab: CabView, habit: Habit) -> None:
@@ -187,11 +187,11 @@ class Outlook:
         return self._root(self._lists.allowed_w, s_m)
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
-        """The steady deceleration (m/s²) that keeps the speeds allowed ahead, over at least `least_way_m`."""
+        """The constant deceleration (m/s²) for the speeds allowed ahead, with distances of at least `least_way_m`."""
         return float(needed_braking(CELL_M, self._first_m, self._top, s_m, speed_mps, least_way_m))
 
     def braking_to_mps2(self, s_m: float, speed_mps: float, to_mps: float, to_m: float) -> float:
-        """The least steady deceleration (m/s²) to a speed at a place that keeps every lower limit on the way to it.
+        """The least constant deceleration (m/s²) to a speed at a place that obeys all lower limits before it.
 
         Negative: none is needed; infinite beyond the place.
         """
@@ -200,7 +200,7 @@ class Outlook:
         return max((w - v * v) / (2.0 * (at_m - s_m)) if at_m > s_m else math.inf for at_m, v in places)
 
     def resisting_n(self, s_m: float, speed_mps: float) -> float:
-        """The force (N) that holds the train back here: running resistance, tunnel, curves and gradient."""
+        """The force (N) that resists the train at `s_m`: running resistance, tunnel, curves and gradient."""
         i, _ = self._cell(s_m)
         train = self.train
         quadratic = train.c2_n_per_mps2 + self._lists.tunnel_n_per_mps2[i]
@@ -226,7 +226,7 @@ class Outlook:
 
 
 class Foresight:
-    """The outlook of a driver, made again when the halt or the restrictions change."""
+    """The outlook of a driver, recomputed when the halt or the restrictions change."""
 
     def __init__(self, line: LineKnowledge, habit: Habit) -> None:
         self.line, self.habit = line, habit
@@ -252,7 +252,7 @@ def _limits(line: LineKnowledge, node_m: Floats, restrictions: tuple[Restriction
 
 
 def _least(stretches: Stretches, node_m: Floats) -> Floats:
-    """The least value at both ends and the middle of each cell."""
+    """The least of the values at both ends and in the middle of each cell."""
     start, end = node_m[:-1], node_m[1:] - POSITION_TOLERANCE_M
     return np.minimum(np.minimum(stretches.at(start), stretches.at(end)), stretches.at(0.5 * (start + end)))
 

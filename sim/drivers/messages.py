@@ -25,7 +25,7 @@ _SAME: Final = (
     *("next_change_s", "next_change_m", "next_speed_mps", "next_effort_ratio"),
     *("second_change_s", "second_change_m", "second_speed_mps", "second_effort_ratio"),
 )
-"""Figures of `AdviceView` that the message has under the same names."""
+"""Numeric fields of `AdviceView` that the message has under the same names."""
 _FIELDS: Final = {
     "time_s": "advice_s",
     "speed_mps": "advised_speed_mps",
@@ -33,18 +33,18 @@ _FIELDS: Final = {
     "force_n": "advised_force_n",
     **{name: name for name in _SAME},
 }
-"""The figures of `AdviceView` with their names in the message, which has NaN for them while nothing is shown."""
+"""Numeric fields of `AdviceView` with their names in the message; in the message, NaN while nothing is shown."""
 _MODES: Final = ("mode", "next_mode", "second_mode")
 """The modes of `AdviceView`; the message has them under the same names."""
 _SEEN: Final = ("late_s", "gradient_ratio", "force_el_n", "force_friction_n", "cause")
-"""Fields of `CabView` that the message has under the same names, where an external driver is asked."""
+"""Fields of `CabView` that the message has under the same names if an external driver is asked."""
 
 
 class CabLook(NamedTuple):
-    """A look of the driver: its time (ns since 1970), the cab, the command in force, and the number of the look.
+    """A look of the driver: time (ns since 1970), the cab, the command in force, and the number of the look.
 
-    The number is 0 if the look does not ask an external driver. `interlock` overrides the controller (its number on the
-    bus); `wall_ns` is the wall clock (ns since 1970), 0 if the run keeps no pace.
+    The number is 0 if the look does not ask an external driver. `interlock` (by its number on the bus) overrides the
+    controller; `wall_ns` is the wall clock (ns since 1970), 0 if the run keeps no pace.
     """
 
     time_ns: int
@@ -56,7 +56,7 @@ class CabLook(NamedTuple):
 
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
-    """The message `Cab` of a look, with horizons and the limits ahead only if the look asks an external driver."""
+    """The message `Cab` of a look; with horizons and limits ahead only if the look asks an external driver."""
     cab, asked = look.cab, look.number > 0
     message = das_pb2.Cab(
         time_ns=look.time_ns,
@@ -85,8 +85,8 @@ def cab_message(look: CabLook, line: LineKnowledge) -> Message:
 
 
 def command_of(message: Any, time_s: float) -> Command:
-    """The command in a message `Controls` at a moment (s on the cab's clock). Raises DasError if it has none, or if a
-    number is NaN or out of range.
+    """The command in a message `Controls` at a moment (s on the cab's clock). Raises DasError if the message has
+    none, or if a number is NaN or out of range.
     """
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:
@@ -130,7 +130,7 @@ def recorded_view(message: Any) -> AdviceView | None:
         horizon_speed_mps=tuple(message.horizon_speed_mps),
         horizon_force_n=tuple(message.horizon_force_n),
     )
-    # In a recording older than the fields of shown speed and stop, both are 0.
+    # In recordings made before the fields for the shown speed and the stop existed, both are 0.
     older = not view.display_speed_mps and not message.stop_m
     return replace(view, display_speed_mps=math.nan) if older else view
 

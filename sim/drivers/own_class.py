@@ -1,4 +1,4 @@
-"""A user's own driver, a class named `package.module:Class`: finding, creating and checking it."""
+"""Lookup, creation and checking of a user's own driver: a class named `package.module:Class`."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ EXPECTED = "expected a class with a method command(self, cab) that returns a Com
 
 
 class OwnDriver:
-    """Adapter for a user's class; raises DasError for its exceptions and invalid answers. The class is called with the
-    line (`LineKnowledge`) and `seed=…`, one of them, or neither, as it accepts.
+    """Adapter for a user's class; raises DasError for exceptions and invalid answers of the class. It is called with
+    the line (`LineKnowledge`) and `seed=…`, with one of these, or with neither, as it accepts.
     """
 
     def __init__(self, own: OwnClass, line: LineKnowledge, seed: int) -> None:
@@ -78,7 +78,7 @@ def driver_versions(driver: DriverName) -> dict[str, str]:
 
 
 def source_of(own: OwnClass) -> Path:
-    """The file of the module that has the class; DasError if the module has no file."""
+    """The file of the class's module; raises DasError if the module has no file."""
     module = _module(own)
     if not getattr(module, "__file__", None):
         raise DasError(f"--driver {own}: {own.module} is not a module with a file")

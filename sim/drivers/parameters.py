@@ -1,4 +1,4 @@
-"""The parameters of human drivers, and the populations in which they differ.
+"""The parameters of human drivers, and populations of drivers with different parameters.
 
 A population gives distributions of parameters, from which every participant is drawn once. Dependence follows a
 Gaussian copula: normal numbers with the correlations of the file are transformed into the distributions of the
@@ -53,7 +53,7 @@ class HumanParameters:
         "–",
         0.1,
         1.0,
-        "reaction time to an announced change, as a share of that to an unannounced one",
+        "reaction time to an announced change, as a share of that to an unannounced change",
         "road drivers brake for expected events after 0.7 to 0.75 s, for unexpected ones after 1.25 s (Green 2000)",
     )
     glance_mean_s: float = _parameter(
@@ -120,7 +120,7 @@ class HumanParameters:
             raise InputError("human driver", "glance_mean_s", self.glance_mean_s, "at least glance_least_s")
 
     def after(self, trips: float) -> HumanParameters:
-        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each fault remains."""
+        """The driver after n trips with this train, line and display: l + (1 − l)·exp(−n/n₀) of each flaw remains."""
         if not trips >= 0:
             raise InputError("human driver", "trips", trips, "a number >= 0")
         left = self.learned_ratio + (1.0 - self.learned_ratio) * math.exp(-trips / self.learning_trips)
@@ -155,11 +155,11 @@ DEFAULT: Final = "default"
 """Name of the bundled population."""
 NORMAL: Final = NormalDist()
 MOST_CERTAIN: Final = 1e-12
-"""Least distance of probabilities from 0 and 1, where the normal quantile is infinite."""
+"""Least distance of probabilities from 0 and 1, because the normal quantile is infinite at 0 and 1."""
 
 
 class Shape(StrEnum):
-    """The distribution of a parameter, named by its normally distributed form: value, logarithm or logit."""
+    """The distribution of a parameter, named by what is normally distributed: value, logarithm or logit."""
 
     FIXED = "fixed"
     NORMAL = "normal"
@@ -173,7 +173,7 @@ KEYS: Final = {
     Shape.LOGNORMAL: ("median", "log_sd"),
     Shape.LOGIT_NORMAL: ("median", "logit_sd"),
 }
-"""The keys of the middle and of the spread of each distribution."""
+"""The keys of each distribution in the file: one for its middle, one for its spread."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,8 +241,8 @@ class Population:
     def draw(self, number: int) -> dict[str, float]:
         """The values of a participant's parameters, by name.
 
-        A number means the same person in every run. A parameter added at the end of the file does not change the
-        others.
+        A number means the same person in every run. A parameter added at the end of the file leaves the others
+        unchanged.
         """
         independent = [_normal(number, spread.name) for spread in self.spreads]
         dependent = (self.triangle @ np.array(independent)).tolist() if self.spreads else []
@@ -258,15 +258,15 @@ class Participant:
 
 
 def stream_of(who: Participant | None) -> int:
-    """The stream of a driver's random numbers in a run; 0 for the driver drawn by the seed of the run."""
+    """The number of a driver's random-number stream in a run; 0 for a driver who is no participant."""
     return 0 if who is None else who.number + 1
 
 
 def participant_of(driver: DriverName, number: int | None, population: str | None) -> Participant | None:
     """The participant that the user chose; None without a number.
 
-    Raises DasError for a population that cannot be used, for a population without a number, and for a number with a
-    driver that is not human.
+    Raises DasError for a population that cannot be used, for a population without a number, and for a number if the
+    driver is not the human driver.
     """
     if number is None:
         if population is not None:

@@ -14,16 +14,16 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import Shown
 
 ROUNDING_S: Final = 1e-6
-"""Margin (s) with which times of ticks are compared."""
+"""Rounding margin (s) for comparing the times of ticks."""
 LONGEST_S: Final = 600.0
 """Longest update interval and hold time (s); a slower display would be useless."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ScreenSettings:
-    """The filter of a display for the advice received once a second; by default all of it is shown immediately.
+    """The filter between the advice, received once a second, and the display; by default all is shown immediately.
     `update_interval_s`: interval between updates. `hold_s`: minimum display time, except for advice to brake.
-    `preview_s`: length of the preview. `reason`: whether the reason of the advice is shown.
+    `preview_s`: length of the preview. `reason`: whether the reason for the advice is shown.
     """
 
     update_interval_s: float = 0.0
@@ -63,12 +63,12 @@ class Screen:
             if self._may_change(view, now_s):
                 self._take(view, now_s)
         if view is not None and self._shown is not None and self._shown is not view:
-            # The held advice stays valid for as long as the advice that is held back.
+            # The advice still shown stays valid for as long as the newer advice that is held back.
             self._shown = replace(self._shown, valid_until_s=view.valid_until_s)
         return self._shown
 
     def _may_change(self, view: AdviceView, now_s: float) -> bool:
-        """Whether new advice may be shown: the same text, advice to brake, or the old one was shown long enough."""
+        """Whether new advice may be shown: if it reads the same, is to brake, or the old was shown long enough."""
         assert self._shown is not None
         stood = now_s - self._since_s >= self._settings.hold_s - ROUNDING_S
         reading = Shown.of(view)
@@ -100,7 +100,7 @@ class Screen:
 
 
 ALL: Final = "all"
-"""The text for an unlimited preview in the metadata."""
+"""The text in the metadata for an unlimited preview."""
 SHOWN: Final = "shown"
 HIDDEN: Final = "hidden"
 

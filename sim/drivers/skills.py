@@ -28,9 +28,9 @@ CALM_PER_S: Final = 0.1
 class Skills:
     """The abilities of a practised driver: each skill returns a controller setting for the present state of the cab.
 
-    Call `see` at every look, then ask for settings. Braking is planned with `braking_mps2`, and speeds stay `below_mps`
-    below limits, but at most a tenth of the limit. Only the setting of `most` keeps the limits: use it if it is lower
-    than yours.
+    Call `see` at every look, then ask for settings. Braking is planned with `braking_mps2`. Speeds stay below limits
+    by `below_mps`, or by a tenth of the limit if that is less. Only the setting of `most` keeps the limits: use it if
+    it is lower than yours.
     """
 
     def __init__(self, line: LineKnowledge, *, braking_mps2: float = 0.5, below_mps: float = 2.0 * KMH) -> None:
@@ -41,7 +41,7 @@ class Skills:
         self._outlook: Outlook | None = None
 
     def see(self, cab: CabView) -> Self:
-        """Receive the view of the cab; a signal at danger counts as if it stood `BEFORE_SIGNAL_M` nearer."""
+        """Take the view of the cab as present; a signal at danger counts as `BEFORE_SIGNAL_M` nearer than it is."""
         self._cab = cab._replace(signal_m=cab.signal_m - BEFORE_SIGNAL_M)
         self._outlook = self._foresight.outlook(self._cab)
         return self
@@ -80,7 +80,7 @@ class Skills:
         return self._efforts().lever_ratio(force_n)
 
     def stop_at(self, mark_m: float) -> float | None:
-        """The setting that stops the train at a mark (m); None above 10 m/s, and while it is too early."""
+        """The setting that stops the train at a mark (m); None above 10 m/s, and while braking is too early."""
         found = stop_at(self.cab, self.outlook, mark_m, self.braking_mps2)
         return None if found is None else self._ratio(found)
 
@@ -122,7 +122,7 @@ class Skills:
 
 
 class NotchedLever:
-    """A controller with a number of notches in each direction, moved in whole notches."""
+    """A controller with a number of notches in each direction, which moves by whole notches."""
 
     def __init__(self, count: int) -> None:
         if count < 1:
@@ -130,7 +130,7 @@ class NotchedLever:
         self.count, self.notch = count, 0
 
     def set(self, wanted: float, most: float = 1.0) -> float:
-        """The notch nearest to the wanted setting; for a highest allowed setting, the next lower one."""
+        """The notch after moving to that nearest to `wanted` if it is a whole notch away; never above `most`."""
         if abs(self.count * wanted - self.notch) >= 1.0:
             self.notch = round(self.count * wanted)
         self.notch = min(self.notch, math.floor(self.count * most))

@@ -42,11 +42,11 @@ class TrackingSettings:
     gain_per_s: float = 0.5
     """Share of a speed error that is corrected per second."""
     stopping_mps: float = 10.0
-    """Speed (m/s) from which on a train brakes for its stop with the deceleration that the remaining distance needs."""
+    """Speed (m/s) below which a train brakes for its stop with the deceleration that the remaining distance needs."""
     stopping_ratio: float = 0.85
     """Share of the planned deceleration; braking to the stopping point begins when the remaining distance needs it."""
     last_m: float = 0.05
-    """Last distance (m) before the stopping point; there, and beyond the point, the planned deceleration is used."""
+    """Last distance (m) before the stopping point; within it and beyond the point, braking is as planned."""
     last_mps: float = 0.02
     """Speed (m/s) at the stopping point below which the planned deceleration is used: otherwise a train with more
     resistance than the driver assumes would creep indefinitely."""
@@ -61,16 +61,16 @@ class FollowingSettings:
     minded_mps: float = 1.0
     """Margin (m/s) below the speed that restrictions and signals allow; a faster driver no longer follows advice."""
     least_braking_mps2: float = 0.05
-    """Needed deceleration (m/s²) below which a stop is still far away: the driver continues without advice."""
+    """Deceleration (m/s²) needed for a stop, below which the stop is still far away: the driver follows no advice."""
     creeping_mps: float = 0.3
     """Advised speed (m/s) below which advice to brake is advice to stop."""
     rolling_mps: float = 0.3
     """Excess (m/s) over a limit that a coasting train may reach, the precision to which the display is read."""
     read_mps: float = 0.3
-    """Shortfall (m/s) at which an accelerating driver who only follows the card considers a speed reached (reading)."""
+    """Shortfall (m/s) below a speed at which a driver who only follows the card reads it as reached."""
     motors_ratio: float = 1.08
-    """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and at a lower
-    speed the motors give more."""
+    """Multiple of the force of the motors up to which the friction brake stays off: it releases slowly, and the force
+    of the motors rises as the speed falls."""
     release_s: float = 0.4
     """Time (s) before its end at which an effort is released: half the time that it takes to decay."""
 
@@ -81,7 +81,7 @@ FOLLOWING: Final = FollowingSettings()
 
 
 class RollOff:
-    """Lets a train roll down to a top speed that was lowered: no traction, and no brakes for that speed.
+    """Rolling down to a top speed that was lowered: without traction, and without braking to that speed.
 
     Call `speed_mps` at every look.
     """
@@ -90,7 +90,7 @@ class RollOff:
         self._top_mps = self._slowest_mps = math.inf
 
     def speed_mps(self, top_mps: float, speed_mps: float) -> float | None:
-        """The lowest speed since the train began to roll, which it must not exceed again; None if it does not roll."""
+        """The lowest speed (m/s) since the train began to roll, now its top speed; None if it does not roll."""
         lowered, self._top_mps = top_mps < self._top_mps, top_mps
         if speed_mps <= top_mps:
             self._slowest_mps = math.inf
@@ -100,7 +100,7 @@ class RollOff:
 
 
 class TimeRule:
-    """Experience with the line: the one top speed with which the rest of the section takes the remaining time."""
+    """A rule from experience with the line: one top speed with which the rest of the section takes the time left."""
 
     def __init__(self, every_s: float = math.inf) -> None:
         self._every_s = every_s
@@ -108,7 +108,7 @@ class TimeRule:
         self._judged_s, self._cap_mps = -math.inf, math.inf
 
     def cap_mps(self, cab: CabView, outlook: Outlook) -> float:
-        """The top speed (m/s), estimated at departure and every `every_s`, but not towards a signal at danger."""
+        """The top speed (m/s), estimated at departure and every `every_s`, except before a signal at danger."""
         journey = (cab.stop_m, cab.arrival_s)
         due = journey != self._journey or cab.time_s - self._judged_s >= self._every_s
         if due and cab.signal_m >= cab.stop_m:
@@ -119,7 +119,7 @@ class TimeRule:
 
 
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
-    """Keep to the highest permitted speed, here and at the place where a changed effort will have built up."""
+    """The command to keep the highest speed permitted here and where a changed effort will have built up."""
     v, s = cab.speed_mps, cab.s_m
     soon_m = s + v * anticipation_s
     coming = outlook.allowed_mps(soon_m)
@@ -129,7 +129,7 @@ def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n:
 
 
 def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.0, high_n: float = math.inf) -> Command:
-    """Hold a speed that may change by `rate_mps2`, with the force that this needs here."""
+    """The command to hold a speed that may change by `rate_mps2`, with the force needed for it here."""
     needed_n = outlook.train.inertial_mass_kg * rate_mps2 + outlook.resisting_n(cab.s_m, cab.speed_mps)
     return speed(speed_mps, rate_mps2=rate_mps2, force_n=needed_n, gain_per_s=TRACKING.gain_per_s, high_n=high_n)
 

@@ -1,4 +1,4 @@
-"""Checks a design without driving it, and prints the results of an experiment's commands."""
+"""The check of a design before any trial is driven, and the printed results of an experiment's commands."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ from sim.world.loop import AFTER_S, BEFORE_S
 MINUTE_S: Final = 60.0
 HOUR_S: Final = 3600.0
 FAILED_SHOWN: Final = 5
-"""Largest number of failed trials that are printed; the table of failed trials has all."""
+"""Largest number of failed trials that are printed; the table of failed trials lists all."""
 OF_DISPLAY: Final = ("loss_level", "update_interval_s", "hold_s", "preview_s", "reason")
 """Factors that change the content of a display."""
 
 
 def idle_factors(design: Design) -> Iterator[str]:
-    """A sentence for each factor that cannot have any effect on the driver, with the reason."""
+    """A sentence with the reason for each factor that cannot have any effect on the driver."""
     settings = list(design.settings())
     names = {factor.name for factor in design.factors}
     if all(one.presentation is Presentation.NONE for one in settings):
@@ -71,7 +71,7 @@ IGNORED: Final = (
 
 
 def _ignores_reasons(design: Design) -> bool:
-    """Whether there are simulated human drivers, and the reason of advice changes nothing for any of them."""
+    """Whether there are simulated human drivers and all of them ignore the reason for advice."""
     people = [one for one in design.settings() if one.driver is DriverKind.HUMAN]
     return bool(people) and not any(_minds_reasons(design, one) for one in people)
 
@@ -83,7 +83,7 @@ def level_notes(design: Design) -> list[str]:
 
 
 def _minds_reasons(design: Design, setting: Setting) -> bool:
-    """Whether drivers of a setting refuse less advice if they see its reason."""
+    """Whether drivers of a setting refuse less advice if they see the reason for it."""
     name = "reason_refusal_ratio"
     drawn = {spread.name for spread in load_population(design.people.population).spreads}
     usual = dict(setting.human).get(name, getattr(HumanParameters(), name))
@@ -94,7 +94,7 @@ def _minds_reasons(design: Design, setting: Setting) -> bool:
 class DesignCheck:
     """The result of the check of a design; the fields are the keys of `--json`.
 
-    The longest participant is the busiest one, breaks included. `notes` are sentences about balance and order;
+    `longest_participant_s` is the longest time of a participant, breaks included. `notes` concern balance and order;
     `refused` is the reason for rejecting the design, if any. `desk` are the steps of a participant at the desk; empty
     for a design without any.
     """
@@ -112,7 +112,7 @@ class DesignCheck:
 
 
 def check_design(design: Design) -> DesignCheck:
-    """Check a design: its files, whether its trains can run, its balance, and factors without any effect.
+    """Check a design: files, whether the trains can run, balance, and factors without any effect.
 
     Raises DasError for files that cannot be used, and for days that cannot be driven.
     """
@@ -167,8 +167,8 @@ def _check_forms(design: Design) -> None:
 def _lengths_s(design: Design, trials: Sequence[StudyTrial]) -> dict[Setting, float]:
     """The duration of a trial of each setting by its timetable (s), as simulated time.
 
-    Unusual values of a line or train, and a timetable that its advice cannot keep, cause warnings on standard error.
-    Raises DasError for a true train of a trial that cannot be driven.
+    Unusual values of a line or train, and a timetable that advice cannot keep, cause warnings on standard error.
+    Raises DasError if the true train of a trial cannot be driven.
     """
     found = {}
     for setting in sorted(set(design.settings()), key=str):
@@ -206,7 +206,7 @@ def _order_notes(design: Design) -> list[str]:
 
 
 def group_notes(design: Design) -> list[str]:
-    """Notes on factors with one level for each participant."""
+    """Notes on factors with only one level for each participant."""
     between = [factor for factor in design.factors if not factor.within]
     if not between:
         return []
@@ -237,7 +237,7 @@ def pair_notes(design: Design) -> list[str]:
 
 
 def refuse_people(design: Design, folder: Path) -> None:
-    """Raise DasError for a design, or a study's folder, whose trials people drive."""
+    """Raise DasError if people drive the trials of a design or of a study's folder."""
     if design.driven_by_people:
         how = f"das-sim experiment desk {design.source} -o {folder} --participant P1"
         raise DasError(f"{design.source}: driver = desk: people drive these trials: {how}")
@@ -262,7 +262,7 @@ def checked_in(design: Design, folder: Path) -> None:
 
 @contextlib.contextmanager
 def made_folder(folder: Path) -> Iterator[None]:
-    """Make a folder, so that a bad one is rejected before minutes of work; remove it if nothing was written into it."""
+    """Make a folder, so that a bad path is rejected before minutes of work; remove the folder if it stays empty."""
     new = not folder.exists()
     make_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):

@@ -1,8 +1,8 @@
 """The design of an experiment: factors, participants, order, measures and planned comparisons, and its file.
 
 The format: docs/reference/experiments.md. A design is frozen in its study's folder as JSON with the same keys, every
-default written out, and with its hash, which reveals later changes. The frozen form is read by the same functions,
-without any other file.
+default written out, and with a hash that reveals later changes. The same functions read the frozen form, without other
+files.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from sim.recording.inputs import sha256
 DESIGN_TEXT: Final = "design.toml"
 """The frozen design as written by the user, with its comments."""
 DESIGN_JSON: Final = "design.json"
-"""The frozen design: every default written out, the hashes of its files, and the hash of all that."""
+"""The frozen design: every default written out, the hashes of its files, and the hash of the whole."""
 DEFAULT_ALPHA: Final = 0.05
 CORRECTIONS: Final = ("holm", "bonferroni", "none")
 """Corrections of planned comparisons for their number; the first is the default."""
@@ -53,8 +53,8 @@ class ConditionOrder(StrEnum):
     """The order in which a participant drives the conditions."""
 
     WILLIAMS = "williams"
-    """Each participant is assigned a row of a Williams square, in which every condition follows every other equally
-    often."""
+    """Each participant is assigned a row of a Williams square, in which every condition follows every other condition
+    equally often."""
     RANDOM = "random"
     """Each participant has an individual order, drawn with the seed of the design."""
     LISTED = "listed"
@@ -65,25 +65,25 @@ class Days(StrEnum):
     """The assignment of simulated days (seeds) to trials."""
 
     OWN = "own"
-    """Every participant has individual days, one for each repetition, and drives each under every condition."""
+    """Every participant has individual days, one for each repetition, and drives each day under every condition."""
     COMMON = "common"
-    """All participants drive the same days, one for each repetition, each under every condition."""
+    """All participants drive the same days, one for each repetition, and each day under every condition."""
 
 
 class Chances(StrEnum):
     """The choice whether a participant's reaction times, glances, errors and lapses are redrawn for every trial."""
 
     NEW = "new"
-    """Redrawn for every trial, as with people."""
+    """Redrawn for every trial: people too vary from trial to trial."""
     PAIRED = "paired"
-    """The same for all trials of a participant on one day, which removes their effect from comparisons."""
+    """The same for all trials of a participant on one day, so that chance does not affect comparisons."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedComparison:
     """A planned comparison: `measure` at level `a` of `factor` minus `measure` at level `b`.
 
-    `where` fixes the levels of other factors. Factors that are not named enter with all their levels.
+    `where` fixes the levels of other factors. A factor that is not named enters with all its levels.
     """
 
     name: str
@@ -99,7 +99,7 @@ class PlannedComparison:
         return self.contrast() if self.name.startswith(f"{self.measure}: ") else self.name
 
     def contrast(self, between: str = ", ") -> str:
-        """The difference in words: a minus b, and the fixed levels, each after the text `between`."""
+        """The difference in words: a minus b, and the fixed levels, with the text `between` before each level."""
         return f"{self.a} minus {self.b}" + "".join(f"{between}{name}: {level}" for name, level in self.where.items())
 
 
@@ -107,7 +107,7 @@ class PlannedComparison:
 class Factor:
     """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one.
 
-    It is one of `FACTORS`, or has a name of its own and named levels, each of which fixes several of these at once.
+    It is one of `FACTORS`, or has a name of the user's and named levels, each of which fixes several `FACTORS`.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Factor:
 class People:
     """The participants: their number, the first number in the population, and their practice.
 
-    With `average`, the only one has the default of every parameter, as in `das-sim run`, instead of being drawn. With
+    With `average`, the only participant is not drawn, but has the default of every parameter, as in `das-sim run`. With
     `learning`, a participant has made `trips_before` trips before the first trial, and each trial counts as one more.
     """
 
@@ -146,7 +146,7 @@ class Procedure:
     """The procedure for a participant: order, repetitions of all conditions, practice trials, breaks, days, chances.
 
     After every `break_after` trials (0: never) there is a break of `break_s`, and another session begins. `seeds` are
-    those of common days, one for each repetition; they are drawn if it is empty.
+    the seeds of common days, one for each repetition; if empty, the seeds are drawn.
     """
 
     order: ConditionOrder = ConditionOrder.WILLIAMS
@@ -161,14 +161,14 @@ class Procedure:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """An experiment: its factors, the fixed settings of all trials, its participants, their procedure, and its
-    analysis.
+    """An experiment: factors, the fixed settings of all trials, participants, the procedure for a participant, and
+    the analysis.
 
     `fixed` has the level of each factor that does not vary, by name; a train or loss level that is neither fixed nor a
     factor is the scenario's. `seed` determines all random draws; `source` is the design's file. `measures` are
-    analysed; `comparisons` were planned, and their p are corrected for their number by `correction`. `desk` is the
-    procedure with people at the desk; None if the design has no table of it. `hash` is that of a frozen design, and
-    empty for a design that was read from the user's file.
+    analysed; `comparisons` were planned, and `correction` corrects p for the number of comparisons. `desk` is the
+    procedure with people at the desk; None if the design has no table `[desk]`. `hash` is the hash of a frozen design,
+    and empty for a design that was read from the user's file.
     """
 
     name: str
@@ -188,7 +188,7 @@ class Design:
     hash: str = ""
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
-        """All combinations of levels of the factors within (or between) participants; if none exist, an empty one."""
+        """All combinations of levels of the factors within (or between) participants; one empty if there are none."""
         some = [factor for factor in self.factors if factor.within is within]
         return [
             {factor.name: level for factor, level in zip(some, levels, strict=True)}
@@ -201,14 +201,14 @@ class Design:
 
     @property
     def driven_by_people(self) -> bool:
-        """Whether people drive the trials of this design, and no simulated driver may."""
+        """Whether people drive the trials of this design; then no simulated driver may."""
         return any(setting.driver is DESK for setting in self.settings())
 
     @property
     def planned(self) -> Counter[tuple[str, str]]:
         """The number of planned trials without practice, by participant and condition.
 
-        A condition is the texts of the levels of all factors, in the order of the design, with spaces between them.
+        A condition consists of the texts of all factors' levels, in the order of the design, separated by spaces.
         """
         groups = self.conditions(within=False)
         return Counter(
@@ -223,8 +223,8 @@ class Design:
         return " ".join(condition[one.name].text for one in self.factors)
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
-        """The setting of a trial under a condition; factors that the condition does not name keep their fixed
-        levels."""
+        """The setting of a trial under a condition; a factor that the condition does not name keeps its fixed
+        level."""
         each = dict(self.fixed) | dict(condition)
         levels = {name: one for key, level in each.items() for name, one in (level.settings or {key: level}).items()}
         values: dict[str, Any] = {name: level.value for name, level in levels.items()}
@@ -259,7 +259,7 @@ def read_design(path: Path) -> Design:
 
 
 def read_frozen(path: Path) -> Design:
-    """Read the frozen design of a study's folder, whose factors and measures may be those of another program.
+    """Read the frozen design of a study's folder, whose factors and measures another program may have provided.
 
     Raises DasError or InputError for anything unusable.
     """
@@ -270,7 +270,7 @@ def read_frozen(path: Path) -> Design:
 
 
 def _level(factor: str, table: Fields, key: str, value: Any, *, frozen: bool) -> FactorLevel:
-    """A level of a factor; InputError for a value that is not allowed. A `frozen` design may have any."""
+    """A level of a factor; raises InputError for a value that is not allowed. A `frozen` design may have any value."""
     return FactorLevel(text=as_text(value), value=None) if frozen else FACTORS[factor].read(table, key, value)
 
 
@@ -285,7 +285,7 @@ def as_text(level: object) -> str:
 
 
 def _design(fields: Fields, *, frozen: bool) -> Design:
-    """The design in a file; the factors, levels and measures of a `frozen` one may be those of another program."""
+    """The design in a file; factors, levels and measures of a `frozen` design may come from another program."""
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if frozen else ())])
     main = fields.table("experiment")
@@ -333,7 +333,7 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
         table.check_keys(["name", "levels", "within"])
         name = table.text("name")
         if name in found:
-            raise table.error("name", name, "each factor once")
+            raise table.error("name", name, "each factor only once")
         values = table.rows("levels", "a list of at least 2 levels")
         if all(isinstance(value, dict) for value in values):
             levels = _named_levels(name, table, values, frozen=frozen)
@@ -353,7 +353,7 @@ def _factors(fields: Fields, *, frozen: bool) -> tuple[Factor, ...]:
 
 
 def _named_levels(factor: str, table: Fields, values: Sequence[Any], *, frozen: bool) -> tuple[FactorLevel, ...]:
-    """The named levels of a factor; a setting that only some of them state has its default in the others."""
+    """The named levels of a factor; a setting stated by only some levels has its default in the others."""
     rows = [Fields.of(table.source, value, f"{table.prefix}levels[{i}].") for i, value in enumerate(values)]
     stated = dict.fromkeys(name for row in rows for name in row.data if name != "name")
     if not stated:
@@ -392,13 +392,13 @@ def _fixed(table: Fields, factors: tuple[Factor, ...], *, frozen: bool) -> dict[
 
 
 def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
-    """The levels of all factors that a design does not mention, except some of them."""
+    """The default levels of all factors except those in `but`."""
     nowhere = Fields.of(Path(), {})
     return {name: FACTORS[name].read(nowhere, name, value) for name, value in DEFAULTS.items() if name not in but}
 
 
 def _measures(table: Fields, desk: PeoplePlan | None, *, frozen: bool) -> tuple[str, ...]:
-    """The measures of a design. The check of the design knows the scores of questionnaires, which may be among them."""
+    """The measures of a design. Scores of questionnaires may be among them; the check of the design looks for these."""
     frozen = frozen or (desk is not None and bool(desk.of_a_trial or desk.tasks))
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
@@ -410,7 +410,7 @@ def _measures(table: Fields, desk: PeoplePlan | None, *, frozen: bool) -> tuple[
 def _comparisons(
     fields: Fields, factors: Sequence[Factor], measures: Sequence[str], *, frozen: bool
 ) -> tuple[PlannedComparison, ...]:
-    """The planned comparisons of a design; there are none if the study merely describes its conditions."""
+    """The planned comparisons of a design; none if the study only describes conditions."""
     listed = fields.data.get("comparisons", [])
     if not isinstance(listed, list):
         raise fields.error("comparisons", listed, "a list of tables")
@@ -446,7 +446,7 @@ def _comparison(
 
 
 def _level_text(factor: Factor, table: Fields, key: str, *, frozen: bool) -> str:
-    """The text of a level that is given as its text, or as its value in the list of levels."""
+    """The text of a level that the file gives by text or, as in the list of levels, by value."""
     value = table.data.get(key, MISSING)
     if isinstance(value, str) and value in factor.texts:
         return value
@@ -512,7 +512,7 @@ def _seeds(table: Fields) -> tuple[int, ...]:
 def resolved(design: Design) -> dict[str, Any]:
     """The design with all defaults, the hashes of its files and its own hash; raises DasError for a missing file.
 
-    The keys are those of a design file. It holds no path, so that the same design has the same hash on every machine.
+    The keys are those of a design file. There is no path in it, so that a design has the same hash on every machine.
     """
     found: dict[str, Any] = {
         "schema_version": SCHEMA_VERSION,
@@ -542,7 +542,7 @@ def resolved(design: Design) -> dict[str, Any]:
 
 
 def _frozen_level(level: FactorLevel) -> str | dict[str, str]:
-    """A level as in a frozen design: its text; for a named level, the texts of all its settings as well."""
+    """A level as in a frozen design: the text; for a named level, the texts of all its settings as well."""
     settings = {name: one.text for name, one in sorted(level.settings.items())}
     return {"name": level.text, **settings} if settings else level.text
 
@@ -565,7 +565,7 @@ def design_files(design: Design) -> dict[str, str]:
 def freeze(design: Design, folder: Path) -> dict[str, Any]:
     """Write the design into a study's folder, which is made if needed, and return its resolved form.
 
-    Raises DasError if the folder holds another frozen design. A design without a file was not planned and replaces it.
+    Raises DasError if the folder holds another frozen design; a design without a file replaces a frozen design.
     """
     found = resolved(design)
     make_folder(folder)
@@ -580,7 +580,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
 
 
 def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:
-    """Raise DasError if the frozen design of a folder is not this one, or was altered."""
+    """Raise DasError if the frozen design of a folder is another design, or was altered."""
     kept = read_json(folder / DESIGN_JSON)
     text = kept.text("hash")
     if text != design_sha256(kept.data):

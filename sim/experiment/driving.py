@@ -1,4 +1,4 @@
-"""Drives a trial: day of its seed, participant, display of its setting, and all looks of the driver."""
+"""The simulation of a trial: the day of its seed, the participant, the display, and all looks of the driver."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
 """Largest number of solved lines in a process: one for the true train's losses, two for loss levels of the advice."""
 APART: Final = 1_000_000_007
-"""Distance between the numbers of a participant's random streams; it exceeds every participant's number."""
+"""Distance between the numbers of a participant's random streams, greater than every participant's number."""
 _services = ServiceMemory(most=LINES_KEPT)
 _population = cache(load_population)
 
@@ -42,14 +42,14 @@ def participant_name(who: int) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyTrial:
-    """One trial. `who` is the participant's number in the study (from 1), `person` that in the population.
+    """One trial. `who` is the participant's number in the study (from 1), `person` the number in the population.
 
     `person` is None for the driver who has the default of every parameter.
 
     `position` counts the trials of the participant from 1, `session` the sessions. `levels` are the texts of the
     factors' levels in the order of the design. `seed` is the seed of the day, `chance` differs between trials of a
-    participant that draw different random numbers. `trips` is the number of trips that the participant has made before;
-    None if practice does not count.
+    participant that use different random numbers. `trips` is the number of trips that the participant has made before;
+    None if there is no learning.
     """
 
     number: int
@@ -81,7 +81,7 @@ class StudyTrial:
 
     @property
     def condition(self) -> str:
-        """The levels of all factors as tables name the condition."""
+        """The levels of all factors, as the condition is named in tables."""
         return "_".join(self.levels)
 
 
@@ -100,19 +100,19 @@ class DriverLook(NamedTuple):
 
     @property
     def lever_ratio(self) -> float:
-        """The controller's setting (−1 … 1); NaN if the driver asks for a speed or a force instead of a setting."""
+        """The controller's setting (−1 … 1); NaN if the driver commands a speed or a force instead of a setting."""
         if self.command.law == kernels.LEVER:
             return self.command.value
         return 0.0 if self.command == (kernels.FORCE, 0.0, *self.command[2:]) else math.nan
 
 
 class WatchedDriver:
-    """Drives exactly as a given driver, and keeps every look in `looks`."""
+    """A driver that drives exactly as a given driver, and keeps every look in `looks`."""
 
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
         self.begin = beginning_of(driver)
-        """The method with which a run begins that a driver in another process drives; else None."""
+        """The method `begin` of a driver in another process, called by a run; else None."""
         self.looks: list[DriverLook] = []
 
     @property
@@ -169,7 +169,7 @@ class Driven:
 
 @dataclass(frozen=True, kw_only=True)
 class AtDesk:
-    """How a person drives a trial: the pace, the endpoints of simulator and recorder, and further metadata."""
+    """The settings of a trial driven by a person: pace, endpoints of simulator and recorder, further metadata."""
 
     times_real: float
     driver_at: str
@@ -185,7 +185,7 @@ def drive(
     keep: bool = False,
     desk: AtDesk | None = None,
 ) -> Driven:
-    """Drive a trial with a participant of a population, record it as in `record`, and `keep` the table of the drive.
+    """Drive a trial with a participant of a population; `record`: record it; `keep`: keep the table of the drive.
 
     With `desk`, a person drives the trial, which must be recorded. Raises DasError for files that cannot be used, and
     if the train does not arrive.
@@ -206,7 +206,7 @@ def drive(
         how = replace(how, driver_at=desk.driver_at, recorder_at=desk.recorder_at, paced=True, metadata=desk.metadata)
     out = None if record is None else record.file
     driven = drive_day(day, driver, how, out, keep=keep)
-    # A person cannot repeat a drive for the sake of one lost message; `das-sim check` reports it.
+    # A person does not repeat a drive because of one lost message; `das-sim check` reports the loss.
     run, table = driven.run if desk is not None else whole_run(driven, out), driven.table
     if keep and out is not None:
         table = DriveTable.of(open_recording(out))
@@ -222,7 +222,7 @@ def _driver(day: Day, setting: Setting, desk: AtDesk | None) -> Driver:
 
 
 def service_of(setting: Setting) -> Service:
-    """The service of a setting: its line, train, timetable and solved sections.
+    """The service of a setting: line, train, timetable and solved sections.
 
     Timetable and optimum belong to the true train, whatever losses the advice is planned with. Raises DasError for
     files that cannot be used.
@@ -246,7 +246,7 @@ def service_of(setting: Setting) -> Service:
 
 
 def _day(trial: StudyTrial, who: Participant | None) -> Day:
-    """The day of a trial, with the participant's own random stream and the number of trips made before."""
+    """The day of a trial, with the participant's random stream and the number of trips made before."""
     day = make_day(service_of(trial.setting), trial.seed, who)
     day = replace(day, stream=trial.stream)
     if trial.trips is None:
@@ -258,6 +258,6 @@ def _day(trial: StudyTrial, who: Participant | None) -> Day:
 
 
 def _with_parameters(day: Day, setting: Setting) -> Day:
-    """The day with the parameters of the human driver that the design states."""
+    """The day with those parameters of the human driver that the design fixes or varies."""
     changed: dict[str, Any] = dict(setting.human)
     return replace(day, human=replace(day.human, **changed)) if changed else day

@@ -23,7 +23,7 @@ from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
 OF_HUMAN: Final = "human_"
-"""Prefix of factors that are parameters of the human driver, which are then the same for all participants."""
+"""Prefix of factors that are parameters of the human driver; such a parameter is the same for all participants."""
 
 
 def study_days() -> dict[str, Path]:
@@ -39,11 +39,11 @@ def day_of(name_or_path: str) -> Scenario:
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); the
-    losses of the true train do not change with it. `scenario` and `train` are names of bundled files or paths; `train`
-    None is the scenario's train. Times are in s; `preview_s` is infinite if the display shows everything ahead. `human`
-    contains parameters of a human driver that replace the participant's own, by name. The driver `desk` is a person at
-    the cab desk, whose page shows the delay of the train with `punctuality`.
+    """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); it
+    does not change the losses of the true train. `scenario` and `train` are names of bundled files or paths; a
+    `train` None is the scenario's. Times are in s; `preview_s` is infinite if the display shows everything ahead.
+    `human` contains parameters of a human driver that replace the participant's own, by name. The driver `desk` is a
+    person at the cab desk, whose page shows the delay of the train with `punctuality`.
     """
 
     scenario: str = "clear-day"
@@ -84,7 +84,7 @@ class Setting:
 
 
 def setting_files(setting: Setting) -> dict[str, str]:
-    """The hash of each file of a setting: scenario, route, vehicle, losses, and the user's own driver if it has one."""
+    """The hash of each file of a setting: scenario, route, vehicle, losses, and the user's own driver, if any."""
     scenario = setting.read_scenario()
     where = scenario.id if setting.train is None else f"{scenario.id} with {Path(scenario.vehicle).stem}"
     found = {f"{where}: {name}": sha256(path) for name, path in scenario_files(scenario).items()}
@@ -93,9 +93,9 @@ def setting_files(setting: Setting) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class FactorLevel:
-    """A level of a factor: its text in tables, and its value in a `Setting`.
+    """A level of a factor: the text in tables, and the value in a `Setting`.
 
-    A named level has no value of its own, but `settings`: the level of each factor that it fixes, by name.
+    A named level has no value, but `settings`: the level of each factor that it fixes, by name.
     """
 
     text: str
@@ -107,7 +107,7 @@ class FactorLevel:
 class KnownFactor:
     """A factor that experiments may vary: its name, meaning, unit and allowed levels.
 
-    `read` makes a level from a table, a key and the value under it, and raises InputError for a value that is not
+    `read` makes a level from a table, a key and the value of the key, and raises InputError for a value that is not
     allowed.
     """
 
@@ -145,7 +145,7 @@ def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
 
 
 def _seconds(most_s: float, *, or_all: bool = False) -> Callable[[Fields, str, Any], FactorLevel]:
-    """A reader of times up to `most_s`; with `or_all` "all" is infinite."""
+    """A reader of times up to `most_s`; with `or_all` it also reads "all", as infinity."""
 
     def read(table: Fields, key: str, value: Any) -> FactorLevel:
         if or_all and value == "all":
@@ -205,7 +205,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
-            meaning="losses used to plan the advice; the true train keeps its own",
+            meaning="losses used to plan the advice; those of the true train stay",
             expected=", ".join(Level),
         ),
         KnownFactor(
@@ -232,7 +232,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
-            meaning="brake that a human driver uses where the motors could brake", expected=", ".join(FrictionPolicy),
+            meaning="brake that a human driver uses if the motors could brake", expected=", ".join(FrictionPolicy),
         ),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
@@ -241,7 +241,7 @@ FACTORS: Final = {
         ),
         KnownFactor(
             name="train", title="Train", unit="", read=_train,
-            meaning="train used instead of the scenario's", expected="a bundled vehicle or a file of one",
+            meaning="train used instead of the scenario's", expected="a bundled vehicle or a vehicle file",
         ),
         KnownFactor(
             name="driver", title="Driver", unit="", read=_driver,
@@ -255,4 +255,4 @@ FACTORS: Final = {
 
 _OF_A_SETTING: Final = {**Setting().figures(), "preview_s": "all"}
 DEFAULTS: Final = {name: value for name, value in _OF_A_SETTING.items() if name in FACTORS and value is not None}
-"""Default levels of factors; a factor without one here follows the scenario or the participant by default."""
+"""Default levels of factors; any other factor follows the scenario or the participant by default."""

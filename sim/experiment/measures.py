@@ -39,10 +39,10 @@ Measuring = Callable[[Driven], float | int | None]
 
 @dataclass(frozen=True, kw_only=True)
 class Measure:
-    """A measure of a trial: its column (which ends in its unit), its title, unit, formula and source, and its function.
+    """A measure of a trial: column (which ends in the unit), title, unit, formula, source, and function.
 
-    `of` returns a number, or None if a trial has none (no advice was shown, or the driver keeps no diary). `of_table`
-    does the same from the table of the drive; None if the measure cannot be computed from a recording alone.
+    `of` returns a number, or None if a trial has no value (no advice shown, or a driver without a diary). `of_table`
+    does the same from the table of the drive; it is None if a recording alone is not sufficient for the measure.
     """
 
     name: str
@@ -66,7 +66,7 @@ def speed_rmse_mps(driven: Driven) -> float | None:
 
 
 def speed_in_band_ratio(driven: Driven) -> float | None:
-    """Share of the seconds with a shown speed in which the train is within 3 km/h of it; None without such seconds."""
+    """Share of the seconds with a shown speed and the train within 3 km/h of that speed; None without such seconds."""
     errors = np.abs(_speed_errors(driven))
     return float(np.mean(errors <= BAND_MPS)) if len(errors) else None
 
@@ -78,12 +78,12 @@ def effort_rmse_ratio(driven: Driven) -> float | None:
 
 
 def reaction_s(driven: Driven) -> float | None:
-    """Median time (s) from noticing advice to acting on it; None if the driver never acted on any."""
+    """Median time (s) from noticing advice to acting on it; None if the driver never acted on advice."""
     return _median([acted - noticed for noticed, acted in _acted_on(driven.run.decisions)])
 
 
 def response_s(driven: Driven) -> float | None:
-    """Median time (s) from the first display of advice to acting on it; None if the driver never acted on any."""
+    """Median time (s) from the first display of advice to acting on it; None if the driver never acted on advice."""
     since = _shown_since(driven)
     times = np.array([time_s for time_s, _ in since])
     found = []
@@ -95,7 +95,7 @@ def response_s(driven: Driven) -> float | None:
 
 
 def compliance_ratio(driven: Driven) -> float | None:
-    """Share of the noticed advice that was followed; None if none was noticed."""
+    """Share of the noticed advice that was followed; None if no advice was noticed."""
     followed, refused = (_count(driven, what) for what in ("followed", "refused"))
     return followed / (followed + refused) if followed + refused else None
 
@@ -146,7 +146,7 @@ def lapses(driven: Driven) -> int | None:
 
 
 def _speed_errors(driven: Driven) -> list[float]:
-    """Speed − shown speed (m/s) of the moving seconds in which a speed to keep was shown."""
+    """Speed − shown speed (m/s) in each second in which the train moved and a speed to keep was shown."""
     seen = ((look.speed_mps, look.shown) for _, look in driven.moving if look.shown is not None)
     errors = (_speed_error(speed, view) for speed, view in seen)
     return [error for error in errors if not math.isnan(error)]
@@ -174,7 +174,7 @@ def _acted_on(decisions: Sequence[DriverEvent]) -> Iterator[tuple[float, float]]
 
 
 def _shown_since(driven: Driven) -> list[tuple[float, float]]:
-    """The time (s) of every second, and the time (s) since which the same advice (mode or highest speed) is shown."""
+    """The time (s) of every second, and the time (s) since which its advice (mode or highest speed) was shown."""
     found: list[tuple[float, float]] = []
     before, since_s = None, math.nan
     for state, look in driven.seconds:
@@ -210,12 +210,12 @@ def _figure(name: str) -> Measuring:
 
 
 def _measure(name: str, title: str, unit: str, source: str, formula: str, of: Measuring | None = None) -> Measure:
-    """A measure; without a function, it is the figure of the run with its name."""
+    """A measure; without a function, the measure is the figure of the run with the same name."""
     return Measure(name=name, title=title, unit=unit, formula=formula, source=source, of=of or _figure(name))
 
 
 def _figures(source: str, *rows: tuple[str, str, str, str]) -> tuple[Measure, ...]:
-    """Measures that are figures of the run, each given by its name, title, unit and formula."""
+    """Measures that are figures of the run, given by rows of name, title, unit and formula."""
     return tuple(_measure(name, title, unit, source, formula) for name, title, unit, formula in rows)
 
 
@@ -233,7 +233,7 @@ _LISTED: Final = (
     _measure("energy_optimum_kwh", "Optimum for the times as driven", "kWh", NOLD,
              "E_opt: least energy of the true train for the actual running times of the sections"),
     _measure("energy_blending_kwh", "Lost to friction brakes where the motors could brake", "kWh", BALANCE,
-             "part of E − E_opt: the energy that would be saved if the motors did all the braking they can"),
+             "part of E − E_opt: the energy that would be saved if the motors braked as much as they can"),
     _measure("energy_profile_kwh", "Lost to the speed profile", "kWh", OWN, "the rest of E − E_opt"),
     _measure("component_loss_kwh", "Losses of the train", "kWh", BALANCE,
              "∫ of the losses of the traction chain from the first departure to the last arrival"),
@@ -246,19 +246,19 @@ _LISTED: Final = (
     _measure("stop_error_m", "Stopping error", "m", "Askey & Sheridan (1995) judge stop accuracy",
              "mean of |position − stopping point| over all stops after the first", stop_error_m),
     _measure("speed_rmse_mps", "Speed error against the display", "m/s", "tracking error of manual control",
-             "√ mean (v − shown)² over the moving seconds in which a speed was shown; with a top speed, only the "
+             "√ mean (v − shown)² over the seconds in motion with a shown speed; with a top speed, only the "
              "excess counts, and with the guide only the seconds in which a speed is to be held",
              speed_rmse_mps),
     _measure("speed_in_band_ratio", "Time in band", "1", "band of 3 km/h: assumption",
              "share of the seconds of `speed_rmse_mps` with |v − shown| ≤ 3 km/h", speed_in_band_ratio),
     _measure("effort_rmse_ratio", "Effort error against the display", "1", "tracking error of manual control",
-             "√ mean (controller − shown effort)² over the moving seconds in which an effort was shown; 1 is full "
+             "√ mean (controller − shown effort)² over the seconds in motion with a shown effort; 1 is full "
              "scale", effort_rmse_ratio),
     _measure("reaction_s", "Reaction time", "s", "decisions of the driver",
-             "median time from the glance at which advice was noticed to acting on it; departures left out",
+             "median time from the glance at which advice was noticed to acting on it, without departures",
              reaction_s),
     _measure("response_s", "Response time", "s", "decisions of the driver",
-             "median time from when advice was first shown to acting on it; departures left out", response_s),
+             "median time from when advice was first shown to acting on it, without departures", response_s),
     _measure("compliance_ratio", "Compliance", "1", "decisions of the driver",
              "followed / (followed + refused) of the advice that was noticed", compliance_ratio),
     _measure("control_movements_per_min", "Control movements", "1/min",
@@ -276,7 +276,7 @@ _LISTED: Final = (
              "max (v − limit) while more than 1 km/h above the permitted speed; 0 if never",
              lambda driven: driven.outcome.figures.violations.over_limit_mps),
     _measure("signals_passed", "Signals passed at danger", "1", OWN,
-             "signals at danger that the train's head is more than 0.5 m beyond"),
+             "number of signals that the train's head passed at danger by more than 0.5 m"),
     _measure("advice_changes_per_min", "Advice changes", "1/min", OWN,
              "seconds that begin with a changed mode, speed (km/h) or effort (step of 0.2) on the display, per minute "
              "in which the train moved and advice was shown"),
@@ -314,7 +314,7 @@ _LISTED: Final = (
         ("advices_unheard", "Seconds without a message", "1", "seconds in which no message arrived"),
         ("advices_above_limit", "Advice above the limit", "1", "seconds with an advised speed above the limit"),
         ("reversals", "Reversals of the advice", "1",
-         "times that the mode shown went from traction to brake, or back, with less than 10 s of other modes between"),
+         "changes of the mode shown from traction to brake, or back, with less than 10 s of other modes between"),
         ("shortest_mode_s", "Shortest mode", "s",
          "shortest time for which a mode was shown before a different one; brakes and modes ended by a brake left out"),
         ("advice_restless", "Restless advice", "1",
@@ -335,7 +335,7 @@ _LISTED: Final = (
         ("standing_acceleration_s", "Advice to accelerate at standstill", "s",
          "time with advice to accelerate for a standing train"),
         ("promises_kept_ratio", "Announced changes kept", "1",
-         "share of the changes announced for within the next 8 s that came within 10 s of the time announced"),
+         "share of the changes announced for the next 8 s that came within 10 s of the announced time"),
         ("above_limit_obeying_s", "Above the limit while obeying", "s",
          "time more than 0.5 m/s above the limit while the driver had followed the display for over 5 s"),
         ("hidden_limits", "Hidden limits", "1",
@@ -345,7 +345,7 @@ _LISTED: Final = (
     ),
 )  # fmt: skip
 BUNDLED: Final = tuple(one.name for one in _LISTED)
-"""The program's own measures, used by a design that names none."""
+"""The program's own measures, used for a design that names no measures."""
 
 
 def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:
@@ -357,7 +357,7 @@ def _of_figures(name: str) -> Callable[[DriveTable], float | int | bool | None]:
 
 
 def _brought(door: Door) -> Measure:
-    """A measure of another package: a function of the table of a drive."""
+    """A measure provided by another package as a function of the table of a drive."""
 
     def of_table(table: DriveTable) -> float | int | bool | None:
         found: float | int | bool | None = door.load()(table)
@@ -385,10 +385,10 @@ MEASURES: Final = {
 
 
 def needs_table(names: Iterable[str]) -> bool:
-    """Whether some measures need the table of a drive, which must then be kept."""
+    """Whether any of the measures needs the table of a drive; if so, the table must be kept."""
     return any(name in MEASURES and name not in BUNDLED for name in names)
 
 
 def measured(driven: Driven, names: list[str]) -> dict[str, Any]:
-    """The values of some measures of a trial, by name; None for a score of a questionnaire, which no drive has."""
+    """The values of some measures of a trial, by name; None for a score of a questionnaire, which is not of a drive."""
     return {name: MEASURES[name].of(driven) if name in MEASURES else None for name in names}

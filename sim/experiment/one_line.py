@@ -1,6 +1,6 @@
-"""A study given on the command line, without a design file: scenarios, drivers, presentations and seeds.
+"""A study given on the command line without a design file: scenarios, drivers, presentations and seeds.
 
-All drivers drive the same days with the same random numbers: those of `das-sim run` with these seeds. The results for
+All drivers drive the same days with the same random numbers as in `das-sim run` with these seeds. The results for
 each scenario, driver and presentation are means over the seeds, and the saving by advice (defined in
 `sim.drive.comparison`). It is split into causes: parts of the differences between paired runs that sum to the saving.
 """
@@ -43,7 +43,7 @@ class DaysAsked:
     """The user's choice: every scenario with every driver, presentation and seed.
 
     With `participants` (the first number and how many), the human driver is each of these persons of the `population`
-    in turn, and without them the average driver.
+    in turn; otherwise, the average driver.
     """
 
     scenarios: Sequence[str]
@@ -95,7 +95,7 @@ def parse_seeds(text: str, option: str = "--seeds") -> list[int]:
             raise DasError(f"{option} {text}: cannot read {part!r}; expected something like 0-99 or 1,5,10-19")
         first, last = int(match[1]), int(match[2] or match[1])
         if not first <= last or last - first >= MOST_SEEDS:
-            raise DasError(f"{option} {text}: {part}: expected a range that rises, of at most {MOST_SEEDS} numbers")
+            raise DasError(f"{option} {text}: {part}: expected a rising range of at most {MOST_SEEDS} numbers")
         seeds.update(dict.fromkeys(range(first, last + 1)))
     return list(seeds)
 
@@ -118,7 +118,7 @@ def rows_of(jobs: Sequence[TrialJob], found: StudyRun) -> Iterator[dict[str, Any
 
 
 def row_of(job: TrialJob) -> Row:
-    """The values that distinguish a trial of such a design from the others."""
+    """The values that distinguish a trial from the others of a design given on the command line."""
     trial, setting = job.trial, job.trial.setting
     person = setting.driver is DriverKind.HUMAN and trial.person is not None
     return {
@@ -148,25 +148,25 @@ SHARE_NAMES: Final = {
     "unreturned": "lost",
     "comfort": "comf",
 }
-"""Headings of the shares: where the energy went."""
+"""Headings of the parts of the dissipated energy."""
 LEGEND: Final = {
     "n": "runs",
     "fail": "failed runs",
     "late": "mean delay at the last stop (s)",
     "kWh": "mean energy of a run",
     "opt": "least energy (kWh) for the times as driven",
-    "loss, run, fric, lost, comf": "shares (%) of what is lost for good: component losses, running resistance, "
-    "friction brakes, brake resistors, and comfort systems, which are not in kWh",
+    "loss, run, fric, lost, comf": "shares (%) of the dissipated energy: component losses, running resistance, "
+    "friction brakes, brake resistors, and comfort systems (not included in kWh)",
 }
 """The legend below the table."""
 SPLIT_LEGEND: Final = {
     "saved": "energy saved by advice at equal arrival, against the same driver without advice on the same days, with "
-    "its 95 % interval (Student's t; none for fewer than 3 pairs)",
-    "%": "that in % of the optimum for the times as driven, the mean of both drives",
+    "95 % interval (Student's t; no interval for fewer than 3 pairs)",
+    "%": "the saving in % of the optimum for the times as driven (mean of both drives)",
     "times": "value of the time difference, not part of the saving, at the optimum's price of time",
     "blend": "by less friction where the motors could brake",
-    "profile": "by the speed profile: of the advice where a perfect driver drove it as well, else as driven",
-    "track": "by keeping to that profile (–: no perfect driver on these days, or none who follows this advice)",
+    "profile": "by the speed profile: as a perfect driver drove it if there is one, else as driven",
+    "track": "by keeping to that profile (–: no perfect driver on these days, or none can follow this advice)",
 }
 """The legend below the table of savings."""
 
@@ -177,10 +177,10 @@ class SplitSaving:
 
     `blending_kwh`: less friction braking where the motors could brake. `profile_kwh`: a better speed profile, as
     driven. If a perfect driver followed the same advice on the same days (speed-and-effort and guide only), it is that
-    driver's saving by it, and `tracking_kwh` (mostly < 0) is this driver's loss by not keeping to it. The parts sum to
+    driver's saving by the profile, and `tracking_kwh` (mostly < 0) is the effect of not keeping to it. The parts sum to
     `saved_kwh`, with a 95 % interval over the pairs of ± `interval_kwh` (Student's t; NaN for fewer than 3 pairs).
-    `saved_ratio` is its share of `optimum_kwh`, the mean optimum for the times of both runs as driven.
-    `time_shift_kwh`, the value of the time difference, is not part of it.
+    `saved_ratio` is `saved_kwh` / `optimum_kwh`, the mean optimum for the times of both runs as driven.
+    `time_shift_kwh`, the value of the time difference, is not part of `saved_kwh`.
     """
 
     scenario: str
@@ -197,7 +197,7 @@ class SplitSaving:
     tracking_kwh: float | None
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields, for programs; None for an interval that is not known."""
+        """The fields, for programs; None for an unknown interval."""
         return vars(self) | {"interval_kwh": None if math.isnan(self.interval_kwh) else self.interval_kwh}
 
 
@@ -208,7 +208,7 @@ def mean_interval(values: NDArray[np.float64]) -> float:
 
 
 def with_interval(values: NDArray[np.float64]) -> str:
-    """The mean of values (n,) with its 95 % interval, to one decimal; without it for fewer than `LEAST_VALUES`."""
+    """The mean of values (n,) with its 95 % interval, to one decimal; no interval for fewer than `LEAST_VALUES`."""
     half = mean_interval(values)
     return f"{values.mean():+.1f}" + ("" if math.isnan(half) else f" ± {half:.1f}")
 
@@ -237,7 +237,7 @@ def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     """The savings of every presentation against no advice, by scenario and driver; failed runs are left out.
 
     A pair has the same day and the same person (column `participant`, if there is one). Runs that are not comparable
-    with their optimum are left out, as are those of a driver whose brakes depend on the advice.
+    with their optimum are left out, as are runs of a driver whose brakes depend on the advice.
     """
     good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
     for row in rows:
@@ -319,8 +319,8 @@ def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, An
 
 
 def print_summary(found: dict[str, Any]) -> None:
-    """Print the table at the end."""
-    title = f"{found['trials']} runs, {found['made']} of them made now"
+    """Print the table of means, the savings, and the failed runs."""
+    title = f"{found['trials']} runs, {found['made']} of them simulated now"
     table = _table(title, ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
     for group in found["groups"]:
         table.add_row(*_cells(group))

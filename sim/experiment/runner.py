@@ -1,4 +1,4 @@
-"""Does many jobs on all workers and keeps the results in a folder; a stopped command resumes with the unfinished jobs.
+"""A runner of many jobs on all workers, with results in a folder; a stopped command resumes with unfinished jobs.
 
 A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
 folder, and optionally a recording. Results do not depend on the number or the place of the workers.
@@ -36,11 +36,11 @@ from sim.world.scenario import Scenario
 from sim.world.service import Service, prepare_service
 
 Rows = Mapping[str, Mapping[str, Any]]
-"""The rows of a journal by the hashes of their inputs."""
+"""The rows of a journal by the hashes of the jobs' inputs."""
 
 
 class JobRecording(NamedTuple):
-    """The file in which a job's drive is recorded, and the command in its metadata, with the hash of the inputs."""
+    """The file in which a job's drive is recorded, and the command for the metadata, with the hash of the inputs."""
 
     file: Path
     command: str
@@ -64,18 +64,18 @@ class RunnerJob(Protocol):
 
     @property
     def row(self) -> dict[str, Any]:
-        """The entries of the job's row that are known before it is done, `inputs_sha256` among them."""
+        """The entries of the job's row that are known before the job is done, including `inputs_sha256`."""
 
     @property
     def recording(self) -> JobRecording | None:
-        """The file in which the job's drive is recorded; None if it is not."""
+        """The file in which the job's drive is recorded; None if it is not recorded."""
 
 
 Job = TypeVar("Job", bound=RunnerJob)
 
 
 class JobWords(NamedTuple):
-    """The words in messages for a command, its jobs, and what it does with them."""
+    """The words in messages for a command, its jobs, and the action on a job."""
 
     command: str
     jobs: str
@@ -132,8 +132,8 @@ class HeldJournal(ABC):
 class Journal(HeldJournal):
     """The finished rows in a folder, by the hash of their inputs; use with `with`.
 
-    Only one command may use a folder at a time; a second one gets an error that names the first by `holds`. Every line
-    has the hash of its row, so that a truncated or altered row is not used as a result.
+    Only one command may use a folder at a time; a second command gets an error that names the first by `holds`. Every
+    line has the hash of its row, so that a truncated or altered row is not used as a result.
     """
 
     def __init__(self, folder: Path, *, holds: str = "another run") -> None:
@@ -146,7 +146,7 @@ class Journal(HeldJournal):
         self.append(_line(row))
 
     def _read(self) -> None:
-        """Read the rows in the file; damaged lines are removed from it before the next one is appended."""
+        """Read the rows in the file; damaged lines are removed from the file before a new line is appended."""
         if not self.path.exists():
             return
         lines = self.path.read_bytes().splitlines()
@@ -178,7 +178,7 @@ def _sha256(row: dict[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Runner(Generic[Job]):
-    """Does jobs on workers and puts the results into a folder; `make` must be a function at the top of a module."""
+    """A runner of jobs on workers, with results in a folder; `make` must be a function at module level."""
 
     make: Callable[[Job], dict[str, Any]]
     folder: Path
@@ -189,7 +189,7 @@ class Runner(Generic[Job]):
         """Do the unfinished jobs, in their order; returns their number.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
-        DasError if another command has the folder, if files cannot be written, and as `Workers.made` does.
+        DasError if another command uses the folder, if files cannot be written, and as `Workers.made` does.
         """
         words = self.words
         with Journal(self.folder, holds=f"another {words.command}") as journal:
@@ -207,7 +207,7 @@ class Runner(Generic[Job]):
         return len(left)
 
     def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
-        """Do the remaining jobs, and show the progress; an interruption waits for jobs under way on this machine."""
+        """Do the remaining jobs, and show progress; an interruption waits for the jobs under way on this machine."""
         if not left:
             return
         for job in left:
@@ -225,7 +225,7 @@ class Runner(Generic[Job]):
 
 
 def attempted(make: Callable[[Job], dict[str, Any]], job: Job) -> dict[str, Any]:
-    """The result of a job with its whole row. If the job fails, the row has the reason, and other jobs continue."""
+    """The whole row of a job with its result. If the job fails, the row has the reason, and other jobs continue."""
     try:
         return job.row | make(job)
     except DasError as error:
@@ -246,7 +246,7 @@ def is_finished(job: RunnerJob, rows: Rows) -> bool:
 
 
 class ServiceMemory:
-    """Keeps only the last services that a process has solved, because each has fronts of a hundred megabytes."""
+    """The last services solved by a process; only a few are kept, because each has fronts of a hundred megabytes."""
 
     def __init__(self, most: int = 1) -> None:
         self._most = most
@@ -267,7 +267,7 @@ class ServiceMemory:
 
 
 def whole_run(driven: DayRun, out: Path | None) -> Run:
-    """The run of a job; DasError if its recording lacks messages."""
+    """The run of a job; raises DasError if messages are missing from the recording."""
     if driven.traffic is not None and driven.traffic.lost:
         raise DasError(f"{out}: {driven.traffic.lost} messages were lost")
     return driven.run

@@ -1,4 +1,4 @@
-"""The files of a study: table of trials, recordings, README; and measures computed again from the recordings."""
+"""The files of a study: table of trials, recordings, README; and the recomputation of measures from recordings."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from sim.recording.opening import open_recording
 TRIALS_TABLE: Final = "trials.csv"
 """The tidy table (UTF-8, comma, decimal point): one row for each finished trial, sorted by participant and trial order.
 
-A value that is missing is empty. No column depends on the wall clock: the same design gives the same bytes.
+A missing value is an empty cell. No column depends on the wall clock: the same design gives the same bytes.
 """
 FAILED_TABLE: Final = "failed.csv"
-"""The table of the trials that failed, each with the reason; written only if there are any."""
+"""The table of failed trials, each with the reason; written only if a trial failed."""
 README: Final = "README"
-"""Contents of the study, meaning of its columns, and program and time that made it."""
+"""File with the contents of the study, the meanings of columns, and the program and time of the run."""
 RECORDINGS: Final = "recordings"
 """The folder of the recordings, if they are kept."""
 PEOPLE_FOLDER: Final = "people"
-"""The folder with a folder for each person, in a study that people drove at the desk."""
+"""The folder that contains a folder for each person, in a study driven by people at the desk."""
 _PSEUDONYM = re.compile(r"P([0-9]{1,5})")
 TRIAL_COLUMNS: Final = {
     "trial": "number of the trial in the study, from 1",
-    "participant": "who drove",
+    "participant": "the driver of the trial",
     "session": "part of the trials between two breaks",
-    "position": "place of the trial in the order of its participant, from 1, practice included",
+    "position": "place of the trial in the participant's order, from 1, practice included",
     "practice": "1 for a practice trial, which is not for analysis, else 0",
     "condition": "levels of all factors in the order of the design, joined by _",
 }
-"""The first columns of the table of trials; those of the factors, the seed of the day and the measures follow."""
+"""The first columns of the table of trials; columns of factors, the seed of the day and measures follow."""
 
 RESCORED: Final = "rescored from"
 """Key of the frozen design for the hash of the design whose recordings were read."""
@@ -69,19 +69,19 @@ _WORDS: Final[Mapping[str, Mapping[str, str]]] = {
     "friction": {
         FrictionPolicy.AS_MEASURED: "a share of each braking by friction brakes, as measured on real trains, whatever "
         "is advised",
-        FrictionPolicy.ELECTRIC_FIRST: "friction brakes only where the motors cannot give what is asked",
+        FrictionPolicy.ELECTRIC_FIRST: "friction brakes only if the motors cannot supply the braking force",
         FrictionPolicy.BY_ADVICE: "as measured, but electric first while the driver follows advice on effort",
     },
     "driver": {
-        DriverKind.PERFECT: "follows advice exactly and at once",
-        DriverKind.LITERAL: "follows the guide's card and nothing else",
+        DriverKind.PERFECT: "follows advice exactly and immediately",
+        DriverKind.LITERAL: "follows only the guide's card",
         DriverKind.FAST: "drives as fast as allowed",
         DriverKind.TOP_SPEED: "never drives faster than the reduced maximum speed",
         DriverKind.TIMETABLE: "keeps to the timetable without advice",
         DriverKind.HUMAN: "a simulated human driver, who looks, reacts, errs and refuses",
     },
 }
-"""Meanings of the levels of factors, if the text of a level does not explain itself."""
+"""Meanings of the levels of factors whose texts do not explain themselves."""
 
 
 def pseudonym(who: int) -> str:
@@ -123,7 +123,7 @@ def table_text(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> bytes:
 
 
 def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
-    """The tidy table of the finished trials; `measures` has those of each finished trial by its number."""
+    """The tidy table of finished trials; `measures` maps the number of each finished trial to its measures."""
     head = [*TRIAL_COLUMNS, *(factor.name for factor in design.factors), "seed", *design.measures]
     rows = (
         [
@@ -157,7 +157,7 @@ def readme(design: Design, workers: Workers, began: datetime, ended: datetime) -
         design.title,
         *(["", design.description] if design.description else []),
         "",
-        f"{kept}: the design, with all defaults, the hashes of its files and its own.",
+        f"{kept}: the design, with all defaults, the hashes of its files, and its hash.",
         f"{TRIALS_TABLE}: one row for each finished trial, of {who}.",
         f"{RECORDINGS}: a recording (MCAP) of each trial, if they were kept (--recordings).",
         "",
@@ -177,18 +177,18 @@ def column_meanings(design: Design) -> dict[str, str]:
         meaning = known.meaning if known else f"settings under one name: {', '.join(factor.varied)}"
         within = "within" if factor.within else "between"
         found[factor.name] = f"{meaning}{unit}; levels {', '.join(factor.texts)}; {within} participants"
-    found["seed"] = "seed of the day; trials with one seed meet the same day"
+    found["seed"] = "seed of the day; trials with the same seed have the same day"
     for name in design.measures:
         measure = MEASURES.get(name)
         if measure is None:
-            found[name] = "of people at the desk: a score of a questionnaire, or a measure of a task beside driving"
+            found[name] = "of people at the desk: a score of a questionnaire, or a measure of a secondary task"
             continue
         found[name] = f"{measure.title} ({measure.unit}): {measure.formula} ({measure.source})"
     return found
 
 
 def level_meaning(factor: str, level: FactorLevel) -> str:
-    """The meaning of a level, for a named one by its settings; empty if its text explains itself, or is unknown."""
+    """The meaning of a level (of a named level: its settings); empty if its text explains itself or is unknown."""
     texts = {f"{name} {one.text}": level_words(name, one.text) for name, one in level.settings.items()}
     return "; ".join(f"{text} ({words})" if words else text for text, words in texts.items()) or level_words(
         factor, level.text
@@ -210,13 +210,13 @@ def level_words(factor: str, level: str) -> str:
 def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
     """Write a study's design and table into another folder, with some measures computed from its recordings.
 
-    Only measures that need nothing but a recording can be computed; existing ones are replaced, others become new
-    columns. Returns the number of trials. Raises DasError for a study without recordings, and for other measures.
+    Only measures that can be computed from a recording alone are possible; existing columns are replaced, others are
+    added. Returns the number of trials. Raises DasError for a study without recordings, and for other measures.
     """
     for name in names:
         if name not in MEASURES or MEASURES[name].of_table is None:
             able = ", ".join(one.name for one in MEASURES.values() if one.of_table is not None)
-            raise DasError(f"--measure {name}: expected one that a recording alone gives: {able}")
+            raise DasError(f"--measure {name}: expected a measure that a recording alone gives: {able}")
     design = read_frozen(folder)
     rows = list(csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE))))
     if out.resolve() == folder.resolve() or (out / TRIALS_TABLE).exists():
@@ -236,7 +236,7 @@ def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
 
 
 def measured_of_table(table: DriveTable, names: Sequence[str]) -> dict[str, Any]:
-    """The values of some measures that a recording alone gives, by name."""
+    """The values of measures that a recording alone gives, by name."""
     return {name: of(table) for name in names if (of := MEASURES[name].of_table) is not None}
 
 
@@ -248,7 +248,7 @@ def _recording(design: Design, row: Mapping[str, str]) -> str:
 
 
 def _frozen_with(folder: Path, measures: tuple[str, ...]) -> bytes:
-    """The frozen design with these measures, and its own hash."""
+    """The frozen design with these measures and a new hash."""
     data = {**read_json(folder / DESIGN_JSON).data}
     was = data.pop("hash")
     data["analysis"] = {**data["analysis"], "measures": list(measures)}

@@ -1,6 +1,6 @@
-"""The trials of a design, each with its participant, condition, place in the order and day; and driving them.
+"""The trials of a design, each with participant, condition, position and simulated day; and their execution.
 
-`run_study` drives all unfinished trials, on all workers, and writes the files in the study's folder.
+`run_study` drives all unfinished trials, on all workers, and writes the files of the study's folder.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ ORDER_STREAM: Final = 1
 DAY_STREAM: Final = 2
 """Number of the stream of a design's seed from which the seeds of days are drawn."""
 EVERYBODY: Final = 2**32 - 1
-"""Takes the place of the participant's number if all participants drive the same days."""
+"""Replacement for the participant's number if all participants drive the same days."""
 
 
 def trials_of(design: Design) -> list[StudyTrial]:
-    """All trials, by participant and then in the order of the participant."""
+    """All trials, sorted by participant and then by position."""
     found: list[StudyTrial] = []
     for who in range(design.people.count):
         found += _of_participant(design, who, len(found))
@@ -122,8 +122,8 @@ def order_count(order: ConditionOrder, conditions: int) -> int | None:
 def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[int]) -> list[int]:
     """The order of a participant: the numbers of the conditions, from 0.
 
-    `row` counts all orders before it: the orders of other participants and of earlier repetitions. `seed` decides an
-    order that is drawn.
+    `row` counts all orders before it: the orders of other participants and of earlier repetitions. `seed` seeds an
+    order drawn at random.
     """
     if order is ConditionOrder.RANDOM:
         return [int(one) for one in np.random.default_rng([*seed, ORDER_STREAM]).permutation(conditions)]
@@ -136,8 +136,8 @@ def order_of(order: ConditionOrder, conditions: int, row: int, seed: Sequence[in
 def williams(count: int) -> list[list[int]]:
     """The rows of a Williams design for a number of conditions: a Latin square, with its mirror if the number is odd.
 
-    Every condition occurs once in every place (twice with the mirror), and follows every other equally often: Williams
-    (1949), Australian Journal of Scientific Research A 2, 149–168.
+    Every condition occurs once in every position (twice with the mirror), and follows each of the others equally often:
+    Williams (1949), Australian Journal of Scientific Research A 2, 149–168.
     """
     first = [0]
     for step in range(1, count):
@@ -149,12 +149,12 @@ def williams(count: int) -> list[list[int]]:
 FAILED: Final = ("trial", "participant", "condition", "error")
 """Columns of the list of failed trials."""
 ONE_AT_A_TIME: Final = Lock()
-"""Held while a trial is driven: the threads of a cluster's worker share their solved lines."""
+"""Lock held while a trial is driven: the threads of a cluster's worker share their solved lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialJob:
-    """A trial to drive, the measures to compute of it, and the file to record it in (None: it is not recorded).
+    """A trial to drive, the measures to compute for it, and the file for its recording (None: no recording).
 
     `files` has the name and hash of each input file, `measures` the names of the wanted measures.
     """
@@ -169,7 +169,7 @@ class TrialJob:
     def inputs_sha256(self) -> str:
         """The hash of everything that decides the result; a trial with an equal hash need not be driven again.
 
-        A driver without habits drives the same for all participants.
+        Drivers other than the human one and a user's own drive identically for all participants.
         """
         trial, setting = self.trial, self.trial.setting
         human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
@@ -182,14 +182,14 @@ class TrialJob:
 
     @property
     def row(self) -> dict[str, Any]:
-        """The entries of the journal on the trial before it is driven."""
+        """The trial's entries in the journal that are known before it is driven."""
         trial = self.trial
         who = {"trial": trial.number, "participant": trial.participant, "condition": trial.condition}
         return {"inputs_sha256": self.inputs_sha256, **who}
 
     @property
     def recording(self) -> JobRecording | None:
-        """The file in which the trial is recorded; None if it is not."""
+        """The file in which the trial is recorded; None if it is not recorded."""
         command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
         return None if self.record is None else JobRecording(self.record, command)
 
@@ -225,16 +225,16 @@ _files_here = cache(setting_files)
 
 
 def make_trial(job: TrialJob) -> dict[str, Any]:
-    """Drive a trial and find its measures; raises DasError if it cannot be driven.
+    """Drive a trial and compute its measures; raises DasError if it cannot be driven.
 
-    DasError is also raised if a file of the trial differs from that with which the jobs were made: it was changed
-    afterwards, or this is another machine with another file at the same path.
+    DasError is also raised if a file of the trial differs from the file from which the jobs were made: it was
+    changed afterwards, or this is another machine with a different file at the same path.
     """
     here = _files_here(job.trial.setting)
-    # The hashes of version, code and population are not compared: these are no files of a setting.
+    # The hashes of version, code and population are not compared: they are not files of a setting.
     others = [name for name, digest in job.files if here.get(name, digest) != digest]
     if others:
-        raise DasError(f"a worker has another file: {', '.join(others)}; expected the same file at the same path")
+        raise DasError(f"a worker's copy differs: {', '.join(others)}; expected the same file at the same path")
     with ONE_AT_A_TIME:
         driven = drive(job.trial, job.population, job.recording, keep=needs_table(job.measures))
         return {"measures": measured(driven, list(job.measures)), "error": None}
@@ -243,8 +243,8 @@ def make_trial(job: TrialJob) -> dict[str, Any]:
 def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
     """The jobs in the order of the trials, but all jobs of one solved line together.
 
-    A worker keeps `LINES_KEPT` solved lines. With fewer loss levels, all jobs of a line are in the order of the trials,
-    whatever their level, so that a study that is stopped has a balanced set of finished trials.
+    A worker keeps `LINES_KEPT` solved lines. If the study has fewer loss levels, all jobs of a line are in the order of
+    the trials, whatever the level, so that a stopped study has a balanced set of finished trials.
     """
     settings = {job.trial.setting for job in jobs}
     many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT
@@ -253,16 +253,16 @@ def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
 
 
 def _line_of(setting: Setting, *, by_level: bool) -> str:
-    """The key of a setting's solved lines: line, train, timetable and, by level, the advice's losses."""
+    """The key of a setting's solved lines: line, train, timetable and, if `by_level`, the advice's loss level."""
     scenario = setting.read_scenario()
     return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyRun:
-    """A finished run of a study: its number of trials, the number driven now, and the rows of failed trials.
+    """A finished run of a study: its number of trials, the number driven in this run, and the rows of failed trials.
 
-    `measures` has those of each finished trial by its number.
+    `measures` maps the number of each finished trial to its measures.
     """
 
     folder: Path
@@ -305,7 +305,7 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 
 
 def _driven_once(jobs: Sequence[TrialJob]) -> list[TrialJob]:
-    """The jobs without those that repeat another, which drivers without habits do for each participant."""
+    """The jobs without duplicates: some drivers have the same job for every participant."""
     return list({(job.inputs_sha256, job.record): job for job in reversed(jobs)}.values())
 
 

@@ -1,4 +1,4 @@
-"""Numba kernels of the simulated train: the line under it, one step, and many. They check no inputs.
+"""Numba kernels of the simulated train: the line under the train, one step, many steps. Inputs are not checked.
 
 Symbols: x state, u command, p the train's numbers, a its actuators, c its losses, line and supply arrays of the route,
 weather patches (see `sim.plant.plant`), s position of the head (m), v speed (m/s), dt step (s), f wheel force (N).
@@ -19,11 +19,11 @@ from das.domain.units import STANDARD_GRAVITY_MPS2
 NO_LIMIT_N = 1e30
 """A force that no train reaches (finite, so that products stay defined)."""
 FORCE, LEVER, SPEED = 0, 1, 2
-"""Values of `Command.law`: what the command's `value` means."""
+"""Values of `Command.law`, which define the meaning of the command's `value`."""
 
 
 class Command(NamedTuple):
-    """The demand of the controller until the next command; made with `force`, `lever` or `speed`.
+    """The demand of the controller until the next command; create it with `force`, `lever` or `speed`.
 
     `law` is the meaning of `value`. FORCE: a wheel force (N); LEVER: a share of the largest traction (0 … 1) or of all
     brakes (−1 … 0) at the present speed on a dry rail; SPEED: a speed (m/s) to hold, which changes by `rate_mps2`, with
@@ -74,7 +74,7 @@ class TrainNumbers(NamedTuple):
 
     The adhesive forces are for a dry rail, per unit of the adhesion coefficient; `rail_ratio` is the rail's state.
     `traction_curve` and `electric_curve` (n, 2) are effort curves: rising speeds with their largest forces, no rows if
-    the train has none.
+    the train has no such curve.
     """
 
     mass_kg: float
@@ -114,7 +114,7 @@ class Actuators(NamedTuple):
 
 
 class LossNumbers(NamedTuple):
-    """A loss model as the kernels take it; `table_w[i, j]` is the loss at the speed i/steps_per_mps and the force
+    """A loss model in the form for the kernels; `table_w[i, j]` is the loss at the speed i/steps_per_mps and the force
     force0_n + j/steps_per_n.
     """
 
@@ -132,7 +132,7 @@ class LineNumbers(NamedTuple):
     """A route under one train, for the kernels.
 
     `node_m` (n,) and `profile` (n, 9): gradient (ratio), curves (m/s²) and tunnels (N/(m/s)²) as means over the train
-    with its head at s. Each quantity has its value and slope from the node on, and its integral up to the node.
+    with its head at s. The three columns of each are value and slope from the node on, and the integral up to it.
     `supply_start_m`, `supply` (k,): see `das.domain.route.Route.supply`.
     `weather` (w, 6): from and to (m), from and to (s), adhesion ratio, head wind (m/s).
     """
@@ -201,7 +201,7 @@ def weather_at(line, s, t, length):
 
 @kernel
 def supply_at(line, s, way):
-    """The least supply that the head meets in the next `way` metres."""
+    """The lowest supply value under the head in the next `way` metres."""
     i = _segment(line.supply_start_m, s)
     least = line.supply[i]
     while i + 1 < line.supply.size and line.supply_start_m[i + 1] < s + way:
@@ -218,7 +218,7 @@ def adhesion_coefficient(v):
 
 @kernel
 def _motors(v, force, power, curve):
-    """Largest force (N) of the motors at a speed: force, power and effort curve, if there is one."""
+    """Largest force (N) of the motors at a speed: the least by force, power and effort curve (if there is one)."""
     most = force if v * force <= power else power / v
     if curve.shape[0] == 0:
         return most
@@ -298,7 +298,7 @@ def demanded(u, into, v, p):
 
 @kernel
 def _built_up(before, target, waited, dead, rise, fall, dt):
-    """Magnitude of a force after a step: it falls immediately, but rises only after its dead time."""
+    """Magnitude (N) of a force after a step: it begins to fall immediately, but to rise only after its dead time."""
     if target <= before:
         return max(target, before - fall * dt)
     usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)
@@ -307,9 +307,9 @@ def _built_up(before, target, waited, dead, rise, fall, dt):
 
 @kernel
 def _shared(asked, friction_ratio, v, rail, supply, p):
-    """Magnitudes (N) of traction, electric brake and friction brake that share a force.
+    """Magnitudes (N) of traction, electric brake and friction brake that together give a force.
 
-    The electric brake comes first, up to its share, and beyond it if the friction brake cannot supply the rest.
+    The electric brake is used first, up to its share, and beyond that if the friction brake cannot supply the rest.
     """
     pulls = min(max(asked, 0.0), 0.0 if supply == NEUTRAL else traction_effort(v, rail, p))
     brakes = min(max(-asked, 0.0), brake_effort(v, rail, p))
@@ -320,7 +320,7 @@ def _shared(asked, friction_ratio, v, rail, supply, p):
 
 @kernel
 def step(x, u, began, into, dt, line, p, a, c):
-    """The state a step later, `into` s after the command was given at time `began`.
+    """The state one step later; the step begins `into` s after the command, which was given at time `began`.
 
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
     train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
@@ -344,13 +344,13 @@ def step(x, u, began, into, dt, line, p, a, c):
     weight = p.mass_kg * STANDARD_GRAVITY_MPS2 * grade
     resistance = running_resistance(middle, wind, tunnel, p) + p.mass_kg * curve
 
-    # What is asked at the end of the step, and how motors and friction brake share it.
+    # The force demanded at the end of the step, and its shares for motors and friction brake.
     asked = demanded(u, into + dt, ahead, p)
     asked = min(asked, max(p.inertial_mass_kg * p.max_acceleration_mps2 + resistance + weight, 0.0))
     asked = max(asked, min(-p.inertial_mass_kg * p.max_deceleration_mps2 + resistance + weight, 0.0))
     pulls, electric, rubs = _shared(asked, u.friction_ratio, ahead, rail, supply, p)
 
-    # The build-up of each force: the motors pull or brake, never both.
+    # The build-up of each force; the motors either pull or brake.
     pulled = _built_up(
         max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction_dead_s,
         a.traction_rise_n_per_s, a.traction_fall_n_per_s, dt,
@@ -386,7 +386,7 @@ def step(x, u, began, into, dt, line, p, a, c):
     gross_j = el * way + loss_j + auxiliary_j
     taken = 1.0 if gross_j > 0.0 else max(supply, 0.0)
     blended_j = 0.0
-    if fr < 0.0:  # The same motion, with as much of the force from the motors as they can give.
+    if fr < 0.0:  # The same motion, with as much force from the motors as possible.
         motors = max(el + fr, -electric_effort(middle, rail, p) if supply >= 0.0 else 0.0)
         best_j = motors * way + loss_power(motors, 0.5 * (v0 + v1), c) * moving + auxiliary_j
         blended_j = taken * gross_j - (1.0 if best_j > 0.0 else max(supply, 0.0)) * best_j

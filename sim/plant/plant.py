@@ -1,7 +1,7 @@
-"""A simulated train with its own physics, sharing no code, and hence no errors, with the solver.
+"""A simulated train with its own physics, sharing no code, and hence no programming errors, with the solver.
 
 m·ρ·dv/dt = F_el + F_fr − R(v + wind) − R_tunnel − m·(g·i + R_curve), as in docs/explanation/physics.md. Moreover,
-forces take time (dead time, build-up, jerk), and wheels transmit only what the adhesion at this place and time allows.
+forces take time (dead time, build-up, jerk), and the adhesion at each place and time limits what wheels transmit.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ DRAWN_AT_MPS = 1.0
 
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
-    """Ask for a wheel force (N)."""
+    """The command for a wheel force (N)."""
     return Command(kernels.FORCE, force_n, friction_ratio=friction_ratio)
 
 
 def lever(ratio: float, *, friction_ratio: float = 0.0) -> Command:
-    """Set the controller to a share of the largest effort at the present speed: 1 is traction, −1 is both brakes."""
+    """The command for a share of the largest effort at the present speed: 1 is full traction, −1 is both brakes."""
     return Command(kernels.LEVER, ratio, friction_ratio=friction_ratio)
 
 
@@ -51,12 +51,12 @@ def speed(
     low_n: float = -NO_LIMIT_N,
     high_n: float = NO_LIMIT_N,
 ) -> Command:
-    """Hold a speed that changes by `rate_mps2`; `force_n` is the force expected for it."""
+    """The command to hold a speed that changes by `rate_mps2`; `force_n` is the force expected for that."""
     return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
 
 
 COAST = force(0.0)
-"""The command for no force; a standing train stays where it is, held by its brakes."""
+"""The command for no force; a standing train does not move, held by its brakes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,7 @@ class Dynamics:
     friction_fall_s: float = 15.0
     """Time (s) in which the friction brake is released: air brake in position P, 15 to 20 s (UIC 540)."""
     jerk_mps3: float = 0.8
-    """Largest jerk (m/s³) that each force alone may cause, for the sake of standing passengers; assumption."""
+    """Largest jerk (m/s³) that each force alone may cause, for the safety of standing passengers; assumption."""
     step_s: float = 0.05
     """Step (s) of the integration: 20 Hz, well below every time above; steps of 0.02 to 0.1 s give the same results."""
 
@@ -111,7 +111,7 @@ class Patch:
     """A stretch of line on which the state of the rail or the wind differs for some time.
 
     `adhesion_ratio` multiplies the adhesion, `head_wind_mps` adds to the wind, both by the share of the train on the
-    stretch (its axles are taken as spread evenly). Patches may overlap.
+    stretch (axles are assumed to be spread evenly). Patches may overlap.
     """
 
     from_m: float = -math.inf
@@ -132,12 +132,12 @@ class Patch:
 class Plant:
     """A train on a route, stepped under commands.
 
-    `conditions` and `patches` are the differences of the true train and line from the files of route and vehicle; plans
-    may be made without them. A wind belongs in `conditions` or `patches`, not in the vehicle's resistance. A train with
+    `conditions` and `patches` are the deviations of the real train and line from the files of route and vehicle; plans
+    may ignore them. A wind belongs in `conditions` or `patches`, not in the vehicle's resistance. A train with
     the brake policy FRICTION has only a friction brake, which gives the whole braking force; any other train uses the
     electric brake first, friction for the rest.
 
-    Raises DasError for losses that do not cover what the train can do here, and for conditions without data.
+    Raises DasError for losses that do not cover the train's speeds and efforts, and for conditions without data.
     """
 
     def __init__(
@@ -198,7 +198,7 @@ class Plant:
         return float(rail) * self._train.rail_ratio, float(wind)
 
     def balance(self, before: PlantState, after: PlantState) -> EnergyBalance:
-        """The energy balance between two states; kinetic and potential energy come from the states, as a check."""
+        """The energy balance between two states; as a check, kinetic and potential energy are taken from the states."""
         vehicle, weight_n = self.vehicle, self.vehicle.mass_kg * STANDARD_GRAVITY_MPS2
 
         def used(name: str) -> float:
@@ -216,7 +216,7 @@ class Plant:
         )
 
     def _altitude_m(self, s_m: float) -> float:
-        """Altitude averaged over the train with its head at `s_m`; exact, because it is a parabola in each gradient."""
+        """Altitude averaged over the train with its head at `s_m`; exact: a parabola in each gradient."""
         length = self.vehicle.train_length_m
         if length == 0:
             return float(self.route.altitude_m(s_m))

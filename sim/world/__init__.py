@@ -1,1 +1,1 @@
-"""The closed loop: a scenario, its world in steps of time, and its connection to the advice."""
+"""The closed loop: a scenario, the simulated world in steps of time, and the connection to the advice."""

@@ -1,4 +1,4 @@
-"""The disturbances of a run: a class for each kind, with its figures named as in scenario files."""
+"""The disturbances of a run: a class for each kind, with figures named as in scenario files."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class DwellOverrun(DepartureDelay):
 
 @dataclass(frozen=True, kw_only=True)
 class DelayOnTheWay:
-    """Between `from_m` and `to_m` the driver may not go faster than `speed_mps`; the node does not know."""
+    """Between `from_m` and `to_m` the driver may not go faster than `speed_mps`; the node is not informed."""
 
     from_m: float
     to_m: float
@@ -50,7 +50,7 @@ class DelayOnTheWay:
 class AnnouncedRestriction:
     """A temporary speed restriction, announced to driver and node when the train's head is `announced_m` before it.
 
-    It holds from `valid_from_s` to `valid_until_s` on the run's clock (None: open).
+    The restriction is valid from `valid_from_s` to `valid_until_s` on the run's clock (None: open).
     """
 
     from_m: float
@@ -68,7 +68,7 @@ class AnnouncedRestriction:
 
     @classmethod
     def of(cls, one: Restriction, announced_m: float, clock_s: Callable[[int], float]) -> AnnouncedRestriction:
-        """A restriction, announced this far (m) before it; `clock_s` turns ns since 1970 into a time of the run (s)."""
+        """A restriction, announced `announced_m` before it; `clock_s` turns ns since 1970 into times of the run (s)."""
         return cls(
             from_m=one.start_m,
             to_m=one.end_m,
@@ -81,7 +81,7 @@ class AnnouncedRestriction:
 
 @dataclass(frozen=True, kw_only=True)
 class SignalStop:
-    """A signal at danger at `at_m`, visible `seen_m` before it; it clears `clears_after_s` after the driver saw it."""
+    """A signal at danger at `at_m`, visible `seen_m` before it; it clears `clears_after_s` after it was seen."""
 
     at_m: float
     seen_m: float
@@ -92,8 +92,8 @@ class SignalStop:
 class TrainAhead:
     """A signal at danger at `at_m`, visible `seen_m` before it, that clears at `clears_s` on the run's clock.
 
-    Traffic management knows this time. When the train is `told_m` before the signal, it gives the node a target: not to
-    come within sight of the signal before it clears.
+    Traffic management knows this time. When the train is `told_m` before the signal, the node receives a target: not
+    to come within sight of the signal before it clears.
     """
 
     at_m: float
@@ -132,7 +132,7 @@ class SensorOutage:
 
 @dataclass(frozen=True, kw_only=True)
 class BusOutage:
-    """No message gets through between simulator and node from `from_s` on the run's clock, for `for_s`."""
+    """No message passes between simulator and node from `from_s` on the run's clock, for `for_s`."""
 
     from_s: float
     for_s: float
@@ -172,7 +172,7 @@ KINDS = {
     "bus-outage": BusOutage,
     "node-restart": NodeRestart,
 }
-"""The class of each kind of disturbance, by the name that scenario files give it."""
+"""The class of each kind of disturbance, by its name in scenario files."""
 _KIND_OF = {made: kind for kind, made in KINDS.items()}
 
 
@@ -183,7 +183,7 @@ def as_figures(disturbances: Sequence[Disturbance]) -> list[dict[str, Any]]:
 
 
 def described(disturbances: Sequence[Disturbance]) -> str:
-    """A line of text on a disturbance, with speeds in km/h and places in km."""
+    """A line of text on the disturbances, with speeds in km/h and places in km."""
     return "; ".join(map(_described, disturbances)) or NOTHING
 
 

@@ -40,7 +40,7 @@ from sim.world.service import Day, Service, load_of, scenario_files
 class OverBus:
     """The link to a node and a recorder in lockstep with the simulation.
 
-    `shows_cab` is False if an external driver drives, because the cab is then sent at every look.
+    `shows_cab` is False with an external driver, because then the cab has been sent already at every look.
     """
 
     def __init__(self, day: Day, lockstep: Lockstep, *, shows_cab: bool = True) -> None:
@@ -48,7 +48,7 @@ class OverBus:
         self._paced = lockstep.processes.paced
 
     def exchange(self, tick: Tick) -> Any | None:
-        """Send the node its inputs of a tick and wait for its advice; at a pace, do not wait and return None."""
+        """Send the node the inputs of a tick and return its advice; if the run keeps a pace, None, without a wait."""
         for heard in tick.told:
             self._lockstep.tell(heard)
             if isinstance(heard, PositionHeard):
@@ -59,7 +59,7 @@ class OverBus:
         return self._lockstep.ask(tick.now_ns, tick.number)
 
     def newest(self) -> Any | None:
-        """The newest advice that has come since the last call, if the run keeps a pace; otherwise None."""
+        """The newest advice received since the last call if the run keeps a pace; otherwise None."""
         return self._lockstep.newest() if self._paced else None
 
     def _locate(self, now_ns: int, s_m: float) -> None:
@@ -79,11 +79,11 @@ class OverBus:
 
 @dataclass(frozen=True, kw_only=True)
 class How:
-    """The mode of a simulation, as its recording states.
+    """The way in which a run is simulated, as stated in the recording.
 
-    `bus` is the folder of bus files (None: free ports of this machine), `driver_at` an external driver's endpoint, and
-    `recorder_at` the recorder's if it must be known. With `paced` the simulation keeps a pace and does not wait for
-    answers.
+    `bus` is the folder of bus files (None: free ports of this machine), `driver_at` the endpoint of an external driver,
+    and `recorder_at` that of the recorder if it must be known. With `paced` the simulation keeps a pace and does not
+    wait for answers.
     """
 
     driver: DriverName
@@ -97,11 +97,11 @@ class How:
     paced: bool = False
     screen: ScreenSettings = field(default_factory=ScreenSettings)
     metadata: Mapping[str, str] = field(default_factory=dict)
-    """Further statements of the recording about the run, for example the changes of a what-if."""
+    """Further metadata of the recording, for example the changes of a what-if."""
 
 
 class DayRun(NamedTuple):
-    """A run; the counts of its messages, if it used a bus; and the table of the drive, if it was kept."""
+    """A run; the counts of messages, if it used a bus; and the table of the drive, if that was kept."""
 
     run: Run
     traffic: Traffic | None = None
@@ -113,7 +113,7 @@ def drive_day(
 ) -> DayRun:
     """Simulate a run: in this process, or with node and recorder as processes if it is recorded in the file `out`.
 
-    In this process, the table of the drive, if it is kept, is made from the messages that a recorder would write.
+    In this process, with `keep`, the table of the drive is made from the messages that a recorder would write.
     Raises DasError if a process fails or the train does not arrive.
     """
     if out is None and keep:
@@ -152,7 +152,7 @@ def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = N
 
 
 def make_processes(day: Day, how: How, out: Path) -> Processes:
-    """Node and recorder for a run; the recording states its origin and contains the input files."""
+    """Node and recorder for a run; the recording contains its origin and the input files."""
     service = day.service
     shows = presenter_of(how.advice)
     leads = "--guide" if shows.needs_guide else "--no-guide"
@@ -171,7 +171,7 @@ def make_processes(day: Day, how: How, out: Path) -> Processes:
 
 
 def run_metadata(day: Day, how: How) -> dict[str, str]:
-    """The metadata of a recording on the origin of its run and its simulation."""
+    """The metadata of a recording on the origin and the simulation of the run."""
     service, scenario = day.service, day.service.scenario
     return {
         "kind": "run",
@@ -234,7 +234,7 @@ def only_recorded(day: Day, now_ns: int, told: Told, *, shows_cab: bool = True) 
 
 
 def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
-    """The messages at the end of a run: how stable the advice was, and the energy above the optimum if it is known."""
+    """The messages at the end of a run: stability of the advice, and the energy above the optimum if that is known."""
     end_ns = day.service.moment_ns(run.states[-1].time_s)
     found = run.stability
     yield (
@@ -247,7 +247,7 @@ def _last_messages(day: Day, run: Run) -> Iterator[tuple[Topic, Message]]:
             shortest_mode_s=found.shortest_mode_s,
         ),
     )
-    with contextlib.suppress(DasError):  # the losses do not cover the true train's efforts; the outcome reports it
+    with contextlib.suppress(DasError):  # the true train's losses do not cover its efforts, as the outcome reports
         yield SAVING, above_optimum(day, run).message(end_ns)
 
 

@@ -30,10 +30,10 @@ from sim.world.service import Day
 
 @dataclass(frozen=True, kw_only=True)
 class Patience:
-    """Times (s) for which a run waits for its driver, and the name of this driver in errors.
+    """The times (s) for which a run waits for its driver, and the name of the driver in errors.
 
-    After `silent_s` without an answer the dead-man brake is applied. A run waits `awaited_s` for its driver before it
-    begins. It ends if the driver has not answered for `given_up_s` and the dead-man brake has stopped the train.
+    After `silent_s` without an answer the dead-man brake is applied. Before it begins, a run waits `awaited_s` for its
+    driver. A run ends if the driver has not answered for `given_up_s` and the dead-man brake has stopped the train.
     """
 
     silent_s: float = 2.0
@@ -43,27 +43,27 @@ class Patience:
 
 
 AT_THE_DESK: Final = Patience(given_up_s=600.0, awaited_s=math.inf, driver=DESK)
-"""The waiting times for a person, who reads before a run begins, and may come back after a break."""
+"""The waiting times for a person, who reads before a run begins, and may return after a break."""
 
 
 class DeadMan:
     """The dead-man brake: applied after a silence of the driver.
 
-    It is released when the driver answers again, the train stands, and the controller requests no traction; never in
-    the middle of braking, and never while traction is requested.
+    The brake is released when the driver answers again, the train stands, and the controller requests no traction;
+    never while the train moves, and never while traction is requested.
     """
 
     def __init__(self, silent_s: float = Patience.silent_s) -> None:
         self._limit_s = silent_s
         self.silent_s = 0.0
-        """Time (s) since the last answer."""
+        """The time (s) without an answer, added up since the last answer."""
         self.braking = False
         """Whether the brake is applied."""
 
     def answered(self, *, standing: bool, pulls: bool = False) -> str | None:
         """Record an answer; returns a sentence if the brake is released, else None.
 
-        `pulls`: the controller asks for traction.
+        `pulls`: the controller requests traction.
         """
         self.silent_s = 0.0
         if not self.braking or not standing or pulls:
@@ -72,7 +72,7 @@ class DeadMan:
         return "the external driver answers again: the dead-man brake is released"
 
     def silent(self, span_s: float) -> str | None:
-        """Record that there is no answer at a time (s); returns a sentence if the brake is applied, else None."""
+        """Record a time (s) without an answer; returns a sentence if the brake is applied now, else None."""
         self.silent_s += span_s
         if self.braking or self.silent_s < self._limit_s - 1e-9:
             return None
@@ -81,7 +81,7 @@ class DeadMan:
 
 
 LEAST_LISTENING: Final = 0.5
-"""Least share of the time of a look that remains for the driver's answer when the run keeps a pace."""
+"""Least share of the duration of a look that remains for the driver's answer when the run keeps a pace."""
 SLIPS_SAID_S: Final = 1.0
 """Loss of time (s) between two reports of a run that cannot keep its pace."""
 BRAKES: Final = lever(-1.0)
@@ -90,7 +90,7 @@ BRAKES: Final = lever(-1.0)
 class Pace:
     """The due times of looks in a run that keeps a pace; a run that is late does not hurry to catch up.
 
-    `look_s` is the time of a look by `clock` (s), which may be any clock that does not go back.
+    `look_s` is the duration of a look by `clock` (s), which may be any clock that does not go back.
     """
 
     def __init__(self, look_s: float, clock: Callable[[], float]) -> None:
@@ -109,7 +109,7 @@ class Pace:
         return self._due_s - now_s
 
     def slipped(self) -> str | None:
-        """A sentence if the run has lost noticeably more time than at its last report, else None."""
+        """A sentence if the run has lost noticeably more time than at the last report, else None."""
         if self._slipped_s - self._said_s < SLIPS_SAID_S:
             return None
         self._said_s = self._slipped_s
@@ -117,12 +117,12 @@ class Pace:
 
 
 class ExternalDriver:
-    """Asks a process on the bus for the controller's setting, five times per second of the run.
+    """A driver in a process on the bus, asked for the controller's setting five times per second of the run.
 
-    Without `times_real` (as fast as possible) the run waits for each answer, so that its result does not depend on the
+    Without `times_real` (as fast as possible) the run waits for each answer, so that the result does not depend on the
     speed of the machine. With `times_real`, this driver alone keeps the pace of the run: a look lasts as long as the
     pace allows, and the newest answer counts. `clocks` are injected. If the driver is silent, `DeadMan` brakes the
-    train; there is no advice meanwhile. An answer with `paused` stops the run until one without it.
+    train; meanwhile no advice is shown. An answer with `paused` stops the run until an answer without it.
     """
 
     def __init__(
@@ -139,10 +139,10 @@ class ExternalDriver:
         self._crowded = False
 
     def begin(self, lockstep: Lockstep) -> None:
-        """Wait until the driver has published something; DasError if it does not in time."""
+        """Wait until the driver has published an answer; raises DasError if none comes in time."""
         answers, awaited_s = lockstep.answers, self._patience.awaited_s
         plant, stop_m = self._day.plant, self._day.service.stops[0].position_m
-        plant.advance(plant.at(stop_m), COAST, LOOK_S)  # loads the compiled code, for which no look must wait
+        plant.advance(plant.at(stop_m), COAST, LOOK_S)  # loads the compiled code, so that no look waits for it
         if not lockstep.hear(lambda: answers.controls is not None, awaited_s):
             key = CONTROLS.key(lockstep.processes.train)
             raise DasError(f"--driver {self._patience.driver}: no driver has published {key} in {awaited_s:.0f} s")
@@ -170,7 +170,7 @@ class ExternalDriver:
         return self._command
 
     def _message(self, now_ns: int, cab: CabView) -> Message:
-        """The cab of this look. While the dead-man brake holds, no advice is shown."""
+        """The cab message of this look. While the dead-man brake is applied, no advice is shown."""
         overruled = das_pb2.Cab.INTERLOCK_NONE
         if self._dead_man.braking:
             cab, overruled = cab._replace(advice=None), das_pb2.Cab.INTERLOCK_SILENCE
@@ -181,7 +181,7 @@ class ExternalDriver:
         return cab_message(look, self._day.service.line)
 
     def _tell(self, now_ns: int, told: str | None) -> None:
-        """Record `told` and a loss of pace, and once the fact that another process tries to drive as well."""
+        """Record `told`, a loss of pace and, once, that another process tries to drive as well."""
         assert self._lockstep is not None
         other = None
         if self._lockstep.answers.other_drivers and not self._crowded:
@@ -214,7 +214,7 @@ class ExternalDriver:
         return controls
 
     def _after_pause(self, lockstep: Lockstep, cab: CabView) -> Any | None:
-        """The answer that ends a pause; None if none comes in `given_up_s`. The run's clock stands meanwhile."""
+        """The answer that ends a pause; None if none comes in `given_up_s`. The run's clock is stopped meanwhile."""
         answers, began_s = lockstep.answers, self._clocks.seconds()
         ended = lockstep.hear(
             lambda: answers.controls is not None and not answers.controls.paused, self._patience.given_up_s

@@ -1,7 +1,7 @@
 """Compilation of the kernels that a simulated run needs last, on a tiny line.
 
-A command that compiles the solver runs this in parallel: the train model, the guide's plans and the last word are
-needed once sections have been solved.
+A command that compiles the solver runs this module in parallel: the train model, the guide's plans and the last word
+are needed only after the sections have been solved.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Node and recorder as child processes in lockstep with a simulation: time only moves when both have answered.
+"""Node and recorder as child processes in lockstep with a simulation: time moves only when both have answered.
 
-At every tick the simulation asks the node (Control) and waits for its answer. So no message is lost at any speed, and a
-run does not depend on how fast the machine is.
+At every tick the simulation sends the node a Control message and waits for the answer, so that no message is lost at
+any speed, and a run does not depend on the speed of the machine.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ PARENT_LOOK_S = 0.5
 
 
 class Process:
-    """A child process that runs one of our modules; use with `with`. Its output is written to a file; errors quote it.
+    """A child process that runs one of our modules; a context manager. Errors quote its output, written to a file.
 
-    `given` are environment variables in addition to ours; `door` is a file descriptor that it inherits (−1: none).
+    `given` are environment variables in addition to ours; `door` is a file descriptor to inherit (−1: none).
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Process:
     ) -> None:
         self.name = name
         self._log = tempfile.NamedTemporaryFile(prefix=f"{name}-", suffix=".log", delete=False)  # noqa: SIM115
-        # A separate session: only this process receives Ctrl-C, and it stops the children in order.
+        # A separate session: only the parent receives Ctrl-C, and stops the children in order.
         self._child = subprocess.Popen(
             [sys.executable, "-m", module, "--with-parent", str(os.getpid()), *arguments],
             stdin=subprocess.DEVNULL,
@@ -126,12 +126,12 @@ def end_with_parent() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Processes:
-    """The settings with which node and recorder of a run are started.
+    """The settings for starting node and recorder of a run.
 
     `driver_at` is the endpoint at which an external driver finds the simulator; None without an external driver. With a
-    bus folder the endpoint is in the bus file, and any text in `driver_at` means that there is an external driver.
-    `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also sends messages for the
-    recording alone. With `paced` the simulation keeps a pace and does not wait for answers.
+    bus folder the endpoint is in the bus file, and any text in `driver_at` stands for an external driver.
+    `recorder_at` is the recorder's endpoint (None: a free port), for a driver that also sends messages only for the
+    recording. With `paced` the simulation keeps a pace and does not wait for answers.
     """
 
     train: str
@@ -190,14 +190,14 @@ class Stations:
 
 
 def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
-    """The message with the position of the train on the map."""
+    """The message on the position of the train on the map."""
     fix = LocationFix(latitude=latitude_deg, longitude=longitude_deg, frame_id="train")
     fix.timestamp.FromNanoseconds(time_ns)
     return fix
 
 
 def happened(time_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """The log message that reports an event to people, with its `text`."""
+    """The log message on an event, with a `text` for people."""
     log = Log(level=level, message=text, name="das-sim")
     log.timestamp.FromNanoseconds(time_ns)
     return log
@@ -218,7 +218,7 @@ class Answers:
         self.node_state: int = NodeState.STARTING
         """The state that the node reported last."""
         self.reason = ""
-        """The node's reason for that state."""
+        """The node's reason for its state."""
         self.written = Written()
         """The messages that the recorder has written so far."""
         self.advice: Any | None = None
@@ -231,7 +231,7 @@ class Answers:
         """Number of messages from other sessions that tried to drive as well; they were ignored."""
 
     def take(self, topic: Topic, message: Any | None, source: str = "") -> None:
-        """Keep a message of a session (`source`); None, for a message that could not be decoded, is ignored."""
+        """Keep a message of a session (`source`); a message that could not be decoded (None) is ignored."""
         if message is None:
             return
         if topic is ADVICE:
@@ -255,7 +255,7 @@ class Answers:
         return self.advice is not None and self.advice.tick == tick
 
     def answered(self, look: int) -> bool:
-        """Whether the external driver's latest answer is to this look."""
+        """Whether the external driver's latest answer belongs to this look."""
         return self.controls is not None and self.controls.look == look
 
 
@@ -264,9 +264,9 @@ START_TIMEOUT_S = 120.0
 ANSWER_TIMEOUT_S = 10.0
 """Longest wait (s) for an answer of node or recorder once both have started."""
 HEARD_EVERY_S = 0.2
-"""Interval (s) at which the simulator, while no message comes, checks that node and recorder still run."""
+"""Interval (s) at which the simulator checks that node and recorder still run while no message comes."""
 RECORDER_WINDOW = 50
-"""Number of ticks by which the recorder may be late before the simulation waits for it."""
+"""Number of ticks by which the recorder may lag before the simulation waits for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +279,7 @@ class Counts:
     above_limit: int = 0
 
     def plus(self, advice: Any | None) -> Counts:
-        """The counts with one more tick, and its advice (None: not received)."""
+        """The counts after one more tick with this advice (None: not received)."""
         if advice is None:
             return replace(self, unheard=self.unheard + 1)
         if advice.mode == Regime.NONE:
@@ -320,7 +320,7 @@ class Traffic:
 
 
 class Lockstep:
-    """Node and recorder as processes on a bus of their own; use with `with`. Raises DasError if one fails."""
+    """Node and recorder as processes on a separate bus; a context manager. Raises DasError if one fails."""
 
     def __init__(self, processes: Processes) -> None:
         self.processes, self.traffic = processes, Traffic()
@@ -353,13 +353,13 @@ class Lockstep:
         self.traffic.start_s = time.perf_counter() - began
 
     def restart_node(self) -> None:
-        """Kill the node, restart it, and wait until it has accepted the journey, which the bus keeps, again.
+        """Kill the node, restart it, and wait until it has again accepted the journey, which the bus keeps.
 
-        At a pace there is no wait: there is no advice until the new node sends some.
+        A run that keeps a pace does not wait: until the new node sends advice, there is none.
         """
         paced = self.processes.paced
         if not paced:
-            # No message may be lost by the kill, because how many are lost would depend on the machine.
+            # The kill must not lose messages, because the number lost would depend on the machine.
             self._until(self._all_written, ANSWER_TIMEOUT_S, "the recorder to write the last advice")
         self._node.kill()
         self._node.__exit__(None, None, None)
@@ -390,19 +390,19 @@ class Lockstep:
         return answers.advice
 
     def request(self, now_ns: int, tick: int) -> None:
-        """Ask the node for the advice of a tick without waiting for it; `newest` returns it when it has come."""
+        """Ask the node for the advice of a tick without waiting; `newest` returns the advice when it has come."""
         self._asked_tick = tick
         self._ask(now_ns, tick)
 
     def newest(self) -> Any | None:
-        """The newest advice that has come since the last call; None if none has."""
+        """The newest advice received since the last call; None without any."""
         advice, self.answers.advice = self.answers.advice, None
         if advice is not None:
             self._count(advice)
         return advice
 
     def finish(self, now_ns: int) -> None:
-        """Tell node and recorder that the run is over, wait until everything is written, and stop both."""
+        """End the run for node and recorder: wait until everything is written, and stop both."""
         if not self.hear(self._all_written, ANSWER_TIMEOUT_S) and not self.processes.paced:
             raise DasError(f"waited {ANSWER_TIMEOUT_S:.0f} s for the recorder to write the last tick")
         answers, last = self.answers, self._asked_tick + 1
@@ -418,7 +418,7 @@ class Lockstep:
         self.traffic.recorded = recorded_counts(self.processes.out)
 
     def _ask(self, now_ns: int, tick: int, *, finish: bool = False) -> None:
-        """Send a Control message, which names the restrictions and targets that must arrive before the answer."""
+        """Send a Control message that names the restrictions and targets to be received before the answer."""
         told = {"restrictions_ns": self._told_ns[RESTRICTION.name], "targets_ns": self._told_ns[TARGET.name]}
         self.send(*codec.control(now_ns, tick, **told, finish=finish))
 
@@ -440,7 +440,7 @@ class Lockstep:
         self.traffic.counts = self.traffic.counts.plus(advice)
 
     def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
-        """Receive messages until a condition holds; False after the timeout, DasError where a process has ended."""
+        """Receive messages until a condition holds; False after the timeout, DasError if a process has ended."""
         deadline = time.monotonic() + timeout_s
         while not done():
             received = self.bus.receive(min(max(deadline - time.monotonic(), 0.0), HEARD_EVERY_S))
@@ -460,13 +460,13 @@ class Lockstep:
 
 
 def sleep_until(moment: float) -> None:
-    """Sleep until a moment of time.perf_counter, in short steps so that Ctrl-C can end it."""
+    """Sleep until a moment of time.perf_counter, in short steps so that Ctrl-C can end the wait."""
     while (left := moment - time.perf_counter()) > 0:
         time.sleep(min(left, 0.2))
 
 
 def recorded_counts(path: Path) -> Counter[str]:
-    """Messages in a finished recording by topic name."""
+    """Number of messages in a finished recording by topic name."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
     counts: Counter[str] = Counter()

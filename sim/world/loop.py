@@ -35,8 +35,8 @@ from sim.world.surroundings import Surroundings
 class Tick(NamedTuple):
     """A tick of the simulation: its number, its time (ns since 1970), and the messages to the on-board system.
 
-    At the first tick that gets through, and whenever the restrictions change, the messages contain all restrictions in
-    force, even if there are none. Whenever the targets change, the messages contain all targets in force.
+    At the first tick that reaches the node, and whenever the restrictions change, the messages contain the list of all
+    restrictions in force, even if it is empty. Whenever the targets change, the messages contain all targets in force.
     """
 
     number: int
@@ -64,11 +64,11 @@ class Link(Protocol):
     def exchange(self, tick: Tick) -> Any | None:
         """The advice for a tick (`das.advice.advice.Advice` or the bus's message).
 
-        None from a link that does not wait for it, because the run keeps a pace: `newest` has it later.
+        None if the link does not wait for the advice, because the run keeps a pace: `newest` returns the advice later.
         """
 
     def newest(self) -> Any | None:
-        """The newest advice that has come since the last call; None if none has, or if `exchange` returns it."""
+        """The newest advice received since the last call; None without any, or if `exchange` has returned it."""
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Record messages that the on-board system does not receive."""
@@ -83,7 +83,7 @@ LOOK_S = 0.2
 BEFORE_S, AFTER_S = 10.0, 10.0
 """Times (s) before the timetable's departure and after the arrival at which a run begins and ends."""
 LONGEST_RATIO, LONGEST_S = 3.0, 1800.0
-"""Longest run, as a multiple of the time of its timetable, and the time (s) beyond it."""
+"""Longest run: a multiple of the time of its timetable, plus a time (s)."""
 
 Progress = Callable[[float, float], None]
 """A function called at every tick with the distance covered so far and the whole distance (m)."""
@@ -91,8 +91,8 @@ Progress = Callable[[float, float], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A finished run: the state at each tick, the calls at stops, counts, stability and instructions of the advice, and
-    violations.
+    """A finished run: the state at each tick, the calls at stops, violations, and counts, stability and instructions of
+    the advice.
 
     `legs`: the states at departure and arrival of every section.
     """
@@ -108,7 +108,7 @@ class Run:
 
 
 class World:
-    """One run; `run` simulates it to its end. `screen` filters the display (None: all advice immediately)."""
+    """One run, simulated to its end by `run`. `screen` filters the display (None: all advice immediately)."""
 
     def __init__(
         self,
@@ -122,7 +122,7 @@ class World:
         self._around = Surroundings(day)
         self._events: list[str] = []
         self._shown: tuple[AdviceView | None, int] = (None, 0)
-        """The advice on the display; without advice (None), why there is none, by its number on the bus."""
+        """The advice on the display; if None, also the number on the bus of the reason why no advice is shown."""
         self._command: Command = COAST
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
@@ -131,7 +131,7 @@ class World:
         self._simpler = SimplerDisplays(day.service) if presenter_of(presentation).is_simpler else None
 
     def run(self, progress: Progress | None = None) -> Run:
-        """Drive from before the departure to after the last arrival; DasError if the train does not arrive."""
+        """Simulate from before the departure to after the last arrival; DasError if the train does not arrive."""
         service, calls = self.day.service, self._around.calls
         first_m, last_m = service.stops[0].position_m, service.stops[-1].position_m
         state = self.day.plant.at(first_m, time_s=-BEFORE_S)
@@ -183,7 +183,7 @@ class World:
         return state
 
     def _let_through(self, cab: CabView, command: Command) -> Command:
-        """The driver's command; no effort for a standing train that may not depart, if the scenario withholds it."""
+        """The driver's command, or no effort if the train stands, may not leave, and traction is withheld."""
         if cab.may_depart or cab.speed_mps > 0:
             return command
         return COAST if self.day.service.scenario.early_departure is EarlyDeparture.WITHHELD else command
@@ -194,7 +194,7 @@ class World:
         return tuple(kept[told:])
 
     def _advise(self, tick: int, now_ns: int, state: PlantState) -> bool:
-        """Ask for advice and show it, unless the node is down or cut off; returns whether it came immediately."""
+        """Ask for advice and show it, unless the node is down or cut off; returns whether advice came immediately."""
         around = self._around
         measured = around.measure(state)
         if around.news.restart_due(state.time_s):
@@ -207,7 +207,7 @@ class World:
         return self._take(self.link.exchange(Tick(tick, now_ns, tuple(told))), state, now_ns)
 
     def _take(self, advice: Any | None, state: PlantState, now_ns: int) -> bool:
-        """Count and show advice that has come, and return True; False without any (None)."""
+        """Count and show received advice, and return True; False if there is none."""
         if advice is None:
             self._show(state, now_ns, None)
             return False
@@ -217,7 +217,7 @@ class World:
         return True
 
     def _show(self, state: PlantState, now_ns: int, advice: Any | None) -> None:
-        """Show the advice or, on paper, the line of the sheet; a display that received no advice is unchanged."""
+        """Show the advice or, on paper, the line of the sheet; without new advice the display stays unchanged."""
         around, paper = self._around, self._paper
         if paper is None and advice is None:
             return
@@ -240,13 +240,13 @@ TRAIN = "train"
 
 
 Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
-"""The messages about a tick that are only recorded; called with its time (ns since 1970)."""
+"""A function that returns the messages of a tick that are only recorded; called with the time (ns since 1970)."""
 
 
 class InProcess:
-    """The link to an on-board system in this process, which receives what the bus would carry.
+    """The link to an on-board system in this process, which receives the same messages as over a bus.
 
-    With `recorded`, `messages` has by topic all messages that a recorder would write; else nothing is kept.
+    With `recorded`, `messages` has all messages that a recorder would write, by topic; else nothing is kept.
     """
 
     def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
@@ -261,7 +261,7 @@ class InProcess:
         self.keep(*codec.encode_input(journey), began_ns)
 
     def restart(self) -> None:
-        """Start a new on-board system that receives only what the bus keeps: journey, restrictions, targets."""
+        """Start a new on-board system, which receives only messages kept by the bus: journey, restrictions, targets."""
         service = self._service
         situation = Situation(
             route=service.route,
@@ -296,7 +296,7 @@ class InProcess:
         """Return None: `exchange` has returned all advice."""
 
     def tell(self, now_ns: int, told: Told) -> None:
-        """Keep the messages that the on-board system does not receive, if any are kept."""
+        """Keep the messages that the on-board system does not receive, if messages are kept."""
         for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
             self.keep(topic, message, now_ns)
 

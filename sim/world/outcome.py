@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def optimum_as_driven(fronts: Sequence[Front], run: Run) -> tuple[Solution, ...]:
-    """The least-energy trajectory of each section for the time that it took; the fastest one if it took even less."""
+    """The least-energy trajectory of each section for its time as driven; the fastest if that time was even less."""
     return tuple(
         front.trajectory(arrived.time_s - departed.time_s)
         for front, (departed, arrived) in zip(fronts, run.legs, strict=True)
@@ -58,9 +58,9 @@ def above_optimum(day: Day, run: Run) -> AboveOptimum:
 
 
 def true_fronts(day: Day) -> tuple[Front, ...]:
-    """The fronts of the sections for the true train under the run's conditions; the plan's if both are as planned.
+    """The fronts of the sections for the true train and the run's conditions; those of the plan if nothing differs.
 
-    These fronts ignore events on the way: signals, restrictions, slippery rail and wind on a part of the line.
+    These fronts ignore events on the way: signals, restrictions, and slippery rail or wind on a part of the line.
     """
     service, truth = day.service, day.service.scenario.truth
     if truth.is_as_planned and day.conditions.changes_nothing:
@@ -69,7 +69,7 @@ def true_fronts(day: Day) -> tuple[Front, ...]:
     if day.conditions not in kept:
         planned = service.vehicle, service.level
         sections = true_sections(service.scenario, service.route, service.stops, planned, day.conditions)
-        kept.clear()  # Each run of a service may have its own conditions; one set of fronts is enough to keep.
+        kept.clear()  # Each run of a service may have other conditions; only one set of fronts is kept.
         kept[day.conditions] = tuple(solve_front(section) for section in sections)
     return kept[day.conditions]
 
@@ -93,9 +93,9 @@ def fronts_of_braking(day: Day, driver: DriverName | None) -> tuple[Front, ...]:
 EARLY_S: Final = 0.5
 """Earliness (s) above which a departure is called early."""
 SHARES = ("component_loss", "resistance", "friction_brake", "unreturned", "comfort")
-"""The parts of the dissipated energy, comfort systems included, as in the paper's figure.
+"""The parts of the dissipated energy, comfort systems included, as in a figure of Nold & Corman (2024).
 
-`unreturned` is braking energy that the line did not take.
+`unreturned` is the braking energy that was not fed back into the line.
 """
 
 
@@ -104,13 +104,13 @@ class RunEnergies:
     """Energies of a run at the current collector, and the optima (J).
 
     `above` has the energy from departure to arrival for every section, and the least energy of the true train for the
-    times that the sections took. `at_stops_j` is drawn at stops in between. `planned_j` is the plan's least energy for
+    times that the sections took. `at_stops_j` is drawn at stops on the way. `planned_j` is the plan's least energy for
     the timetable. Both optima ignore events on the way.
 
     Driven = optimum + `blending_j` + `profile_j`, where `blending_j` went to friction brakes although the motors could
     have braked, and `profile_j` is the cost of the speed profile. `own_braking_j` is the optimum for the same times
     under the braking and the margin below limits that a human driver intends or, for other drivers, that the advice
-    plans. The excess is the cost of such braking; None, for `no_own_braking`, if it cannot hold the train.
+    plans; its excess is the cost of such braking. It is None, with the reason in `no_own_braking`, if that is unknown.
     """
 
     above: AboveOptimum
@@ -132,7 +132,7 @@ class RunEnergies:
 
     @property
     def profile_j(self) -> float:
-        """Energy above the optimum (J), less the friction brakes' part that the motors could have braked."""
+        """Energy above the optimum (J), without the part due to friction brakes where the motors could have braked."""
         return self.driven_j - self.optimum_as_driven_j - self.blending_j
 
     def as_dict(self) -> dict[str, Any]:
@@ -151,8 +151,8 @@ class RunEnergies:
 class DayOutcome:
     """The result of one run.
 
-    `calls` and `figures` can also be computed from a recording of the run: stops, violations, and quality of the
-    advice. `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run.
+    `calls` (at stops) and `figures` (violations, quality of the advice) can also be computed from a recording of the
+    run. `running_time_s` is the time between departures and arrivals, `simulated_s` the whole time of the run.
     `balance` is the energy balance from the first departure to the last arrival (J), comfort systems included. `counts`
     has the numbers of ticks at which advice was given, withdrawn or not received.
     """
@@ -198,7 +198,7 @@ class DayOutcome:
 
 
 def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
-    """The result of one run. `driver` decides whose braking `own_braking_j` assumes (None: the advice's)."""
+    """The result of one run. `own_braking_j` assumes the braking of `driver` (None: the braking that advice plans)."""
     service = day.service
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
@@ -228,7 +228,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
 
 
 def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float | None, str]:
-    """`RunEnergies.own_braking_j`, or the reason why there is none: the true train may not be the planned one."""
+    """The value `RunEnergies.own_braking_j`, or why there is none: the true train may differ from the planned."""
     try:
         braking = optimum_as_driven(fronts_of_braking(day, driver), run)
     except InfeasibleError as error:
@@ -242,7 +242,7 @@ def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
 
 
 def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
-    """Energy (J) and share (0 to 1) of each way in which energy is dissipated, by the names in `SHARES`."""
+    """Energy (J) and share (0 to 1) of each part of the dissipated energy, by the names in `SHARES`."""
     parts = {name: float(getattr(balance, name)) for name in SHARES}
     total = sum(parts.values())
     return {name: (energy_j, energy_j / total) for name, energy_j in parts.items()}
@@ -260,11 +260,11 @@ def _parts(balance: EnergyBalance) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class DayResult:
-    """The report of `das-sim run`: outcome, mode of driving, disturbances, and recording.
+    """The result of `das-sim run`: outcome, driver and advice, disturbances, and recording.
 
     `happens` is one line on the disturbances, `drawn` has all random draws of the seed (SI). `wall_s` is the duration
-    of the run in real time. `file` is the recording, and `traffic` counts its messages; both are None for a run in one
-    process, which is not recorded.
+    of the run in real time. `file` is the recording, and `traffic` counts its messages; both are None for a run in a
+    single process, which is not recorded.
     """
 
     outcome: DayOutcome
@@ -279,7 +279,7 @@ class DayResult:
     file: Path | None = None
     traffic: Traffic | None = None
     table: DriveTable | None = None
-    """The table of a drive in one process, if it was kept."""
+    """The table of a drive in a single process, if it was kept."""
 
     @property
     def real_time_factor(self) -> float:
@@ -319,7 +319,7 @@ UNCHANGED: Final = asdict(Conditions())
 
 
 def print_result(result: DayResult) -> None:
-    """Print the table of stops, the figures, notes on them, warnings, and where the recording is."""
+    """Print the table of stops, the figures, notes, warnings, and the path of the recording."""
     print_table(_stops(result), STOP_LEGEND)
     if result.outcome.passings:
         print_table(passing_table(result.outcome.passings, result.outcome.calls[0].due_departure_ns))

@@ -31,7 +31,7 @@ from sim.world.disturbances import KINDS, Disturbance, SensorFault
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure that each seed draws uniformly between `low` and `high`; fixed if the two are equal."""
+    """A figure drawn for each seed, uniformly between `low` and `high`; fixed if the two are equal."""
 
     low: float
     high: float
@@ -60,7 +60,7 @@ def read_range(table: Fields, key: str) -> Drawn:
 
 
 def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
-    """Read a quantity, or a range of it, in SI units; the key ends in the unit that the file uses.
+    """Read a quantity, or a range of values, in SI units; the key ends in the unit used in the file.
 
     Raises InputError for anything else.
     """
@@ -75,7 +75,7 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
 
 
 def key_of(table: Fields, name: str, dimension: str) -> str:
-    """The key under which the file gives a quantity; the bare name of the quantity if it does not."""
+    """The key of a quantity in the file; the bare name of the quantity if the file does not give it."""
     return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)
 
 
@@ -86,9 +86,9 @@ RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """The differences of the true train from the planned one; None means as planned.
+    """The differences between the true and the planned train; None means as planned.
 
-    `conditions` are the ranges from which each seed draws its `Conditions`, by the names of the fields.
+    `conditions` are the ranges from which the `Conditions` of each seed are drawn, by the names of the fields.
     `adhesive_mass_kg` is the mass on driven axles; it replaces the mass in the vehicle's file. `loss_map` is the file
     of the true train's losses (L3).
     """
@@ -114,7 +114,7 @@ class Truth:
 
     @property
     def of_every_day(self) -> Conditions | None:
-        """The conditions of every run; None if each seed draws its own."""
+        """The conditions of every run; None if the conditions differ between seeds."""
         if any(drawn.low != drawn.high for drawn in self.conditions.values()):
             return None
         return Conditions(**{name: drawn.low for name, drawn in self.conditions.items()})
@@ -154,7 +154,7 @@ def read_truth(table: Fields) -> Truth:
 
 
 def beside(folder: Path, name: str) -> str:
-    """The name of a bundled file unchanged, or the path of a file, resolved from the scenario's folder."""
+    """The unchanged name of a bundled file, or the path of a file, resolved from the scenario's folder."""
     return str(folder / name) if Path(name).suffix else name
 
 
@@ -199,13 +199,13 @@ COUNTED = ("notches",)
 class HumanRange:
     """The human drivers of a scenario: parameters by name, and `trips`, the number of trips already made.
 
-    Parameters that are not given have their defaults.
+    Parameters that are not given have default values.
     """
 
     given: Mapping[str, Drawn]
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant, or of the seed's driver without one, and the values drawn for them."""
+        """The parameters of the participant or, without one, of the seed's driver, and the values drawn for them."""
         if who is not None:
             return self.participant(who, source)
         random = np.random.default_rng([seed, HUMAN_STREAM])
@@ -216,7 +216,7 @@ class HumanRange:
         """The parameters of a participant, and the values drawn for them.
 
         Values of the scenario (`source`) replace the population's. Raises DasError if the values contradict each other,
-        or if the scenario gives a range, from which each seed would draw another driver.
+        or if the scenario gives a range, which would make a different driver for each seed.
         """
         for name, figure in self.given.items():
             if figure.low != figure.high:
@@ -239,7 +239,7 @@ def read_human(table: Fields) -> HumanRange:
             raise table.error(name, table.data[name], "one whole number")
     lows = {name: figure.low for name, figure in given.items()}
     highs = {name: figure.high for name, figure in given.items()}
-    # The mean time between glances must exceed the least one even for the closest values that a seed can draw.
+    # The mean time between glances must not be below the least time even for the closest values that can be drawn.
     nearest = lows | {name: highs[name] for name in ("glance_least_s",) if name in highs}
     for ends in (nearest, highs):
         try:
@@ -273,7 +273,7 @@ _RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
 _SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
 _DIMENSIONS = {suffix: dimension for dimension, suffix in _SI_SUFFIX.items()}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
-"""Faults of localisation that have a size."""
+"""Localisation faults that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
 """Greatest values (SI) by dimension; a larger figure is considered a typing error."""
@@ -283,12 +283,12 @@ _RANGES = {
     "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
     "size": (1.0, LONGEST_LINE_M),
 }
-"""Least and greatest values (SI) of figures that have a narrower range than 0 to `_MOST`: trains must get through."""
+"""Least and greatest values (SI) of figures with a narrower range than 0 to `_MOST`, so that trains get through."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedDisturbance:
-    """A disturbance as the file gives it: figures that seeds draw, and properties that are fixed."""
+    """A disturbance as given in the file: figures drawn for each seed, and fixed properties."""
 
     kind: str
     figures: Mapping[str, Drawn]
@@ -304,7 +304,7 @@ class PlannedDisturbance:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """Noise of the train's sensors without faults: standard deviations of position and speed (assumptions).
+    """The noise of faultless sensors of the train: standard deviations of position and speed (assumptions).
 
     `force_noise_ratio` is the relative standard deviation of the efforts that train control measures; None if it does
     not measure efforts.
@@ -319,19 +319,19 @@ class EarlyDeparture(StrEnum):
     """The effect of traction that a driver sets before the train may depart."""
 
     WITHHELD = "withheld"
-    """Traction is withheld, as by an interlock of the doors."""
+    """Traction is withheld, as by a door interlock."""
     COUNTED = "counted"
     """The train leaves, and the run reports that it left early."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """The runs that can be simulated: each seed draws one, with its driver from `human`.
+    """A set of runs that can be simulated: one for each seed, with a driver drawn from `human`.
 
-    Sections take the times of `running_s` or, if that is None, the least time of the train braked in service and a
-    buffer on top of it. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
-    is the file of the losses (L3) with which the advice is planned instead of the vehicle's own. `journey` gives stops,
-    dwells, passings and times; its clock shows 0 at midnight before the departure. `early_departure` is the effect of
+    The times of sections are `running_s` or, if that is None, the least time with service braking plus a
+    buffer. `calls` names the stops on the way at which the train calls; None: at all of them. `loss_map`
+    is the file of losses (L3) used to plan the advice instead of the vehicle's own losses. `journey` gives stops,
+    dwells, passings and times, which count from midnight before the departure. `early_departure` is the effect of
     traction that a driver sets before the train may depart.
     """
 
@@ -364,7 +364,7 @@ class Scenario:
         return replace(self, journey=journey, from_stop=None, to_stop=None, calls=None, running_s=None)
 
     def day(self, seed: int) -> tuple[Disturbance, ...]:
-        """Draw the disturbances of a seed's run."""
+        """The disturbances of a seed's run, drawn at random."""
         random = np.random.default_rng([seed, 1])
         return tuple(planned.draw(random) for planned in self.disturbances)
 
@@ -375,7 +375,7 @@ def bundled_scenarios() -> dict[str, Path]:
 
 
 def load_scenario(name_or_path: str, journey: str | None = None) -> Scenario:
-    """Read a bundled scenario or a TOML file, to be timed by a journey if one is named (its bundled name, or its file).
+    """Read a bundled scenario or a TOML file; a `journey` (bundled name or file) replaces its stops and times.
 
     Raises DasError or InputError for anything unusable.
     """
@@ -389,7 +389,7 @@ def read_scenario(path: Path) -> Scenario:
 
 
 def scenario_of(fields: Fields) -> Scenario:
-    """The scenario of the fields of a file; raises InputError for anything unusable."""
+    """The scenario in the fields of a file; raises InputError for anything unusable."""
     path = fields.source
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
@@ -438,7 +438,7 @@ def _refuse_beside_journey(table: Fields, keys: Sequence[str]) -> None:
 
 
 def _running_s(timetable: Fields) -> tuple[float, ...] | None:
-    """The running times (s) of the sections, if the timetable states them; a buffer with them is rejected."""
+    """The running times (s) of the sections, if the timetable gives any; a buffer as well is rejected."""
     given = timetable.given_keys("running", "time")
     if not given:
         return None
@@ -534,7 +534,7 @@ def _planned(table: Fields) -> PlannedDisturbance:
 
 
 def _figures(kind: str, *, optional: bool) -> dict[str, str]:
-    """The dimensions of the figures that a kind of disturbance must have, or may have (`optional`), by name."""
+    """The dimension of each figure that a kind of disturbance must have, or may have (`optional`), by name."""
     made: Any = KINDS[kind]
     names = (one.name.rpartition("_") for one in fields_of(made) if (one.default is None) is optional)
     return {name: _DIMENSIONS[suffix] for name, _, suffix in names if suffix in _DIMENSIONS}

@@ -1,6 +1,6 @@
 """The train service of a scenario (line, train, timetable, solved sections), and the run of a seed.
 
-The service is the same for every seed; the run has the disturbances, and the true train on the true line.
+The service is the same for every seed; the run adds the disturbances, and the true train on the true line.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, Slippe
 from sim.world.scenario import Scenario, Truth
 
 KEPT_BYTES = 300_000_000
-"""Largest total size (bytes) of the fronts that runs without a bus keep."""
+"""Largest total size (bytes) of the fronts that are kept for runs without a bus."""
 TIMETABLE_STEP_S = 6.0
 """Step (s) to which running times in timetables are rounded up, a tenth of a minute."""
 LATEST_TIME_S = 10 * 86_400.0
@@ -58,8 +58,8 @@ PLANNED = (
 class Service:
     """The planned service: stops in the order of travel, and front, timetable and best trajectory of each section.
 
-    `dwells_s` has the least dwell (s) at each stop; `passings` are the journey's, if there is one. `onboard` keeps the
-    fronts with which the on-board system plans in runs without a bus.
+    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if any. `onboard` keeps the
+    fronts for the on-board system in runs without a bus.
     """
 
     scenario: Scenario
@@ -80,7 +80,7 @@ class Service:
     """The fronts of the true train for the conditions of a run and a kind of braking."""
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
-        """The journey as an operator announces it at a moment (ns since 1970)."""
+        """The journey as announced by traffic management at a moment (ns since 1970)."""
         arrivals_ns = [0, *(table.arrival_ns for table in self.timetables)]
         departures_ns = [*(table.departure_ns for table in self.timetables), 0]
         stops = zip(self.stops, arrivals_ns, departures_ns, strict=True)
@@ -113,7 +113,7 @@ class Service:
     def unkept(self) -> Iterator[str]:
         """A line of text for each section whose time in the timetable is too short for the braking of planned advice.
 
-        Raises InfeasibleError if the train cannot be braked so.
+        Raises InfeasibleError if that braking cannot stop the train.
         """
         braking = self.scenario.braking.of(self.vehicle)
         for front, table in zip(self.fronts, self.timetables, strict=True):
@@ -124,11 +124,11 @@ class Service:
                 yield f"{self.scenario.source}: {front.section.way}: {given_s:g} s in the timetable, {needed}: {late}"
 
     def plans(self, scenario: Scenario) -> bool:
-        """Whether this is also the service of another scenario, because line, train and timetable are the same."""
+        """Whether this service fits another scenario too, because line, train and timetable are the same."""
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
 
     def on(self, scenario: Scenario) -> Service:
-        """The same service for a scenario that it `plans`; raises DasError for what cannot happen on this line."""
+        """The same service for a scenario that it `plans`; raises DasError for disturbances impossible on this line."""
         _check_day(scenario, self.vehicle, self.level, self.stops)
         return replace(self, scenario=scenario, true_fronts={}, braking_fronts={})
 
@@ -192,9 +192,9 @@ def lay_out(scenario: Scenario, *, level: Level | None = None) -> tuple[Route, V
 
 
 def load_of(scenario: Scenario, route: Route, vehicle: Vehicle) -> str | None:
-    """The train's load state in a scenario and the mode that its journey names ("empty+15kv"); None: as in its file.
+    """Load state and mode of the train ("empty+15kv"), by scenario and journey; None: as in the vehicle file.
 
-    A mode that the scenario names has precedence.
+    A mode named in the scenario has precedence.
     """
     named = [] if scenario.load is None else scenario.load.split("+")
     if scenario.journey is not None and not vehicle.modes.keys() & set(named):
@@ -203,7 +203,7 @@ def load_of(scenario: Scenario, route: Route, vehicle: Vehicle) -> str | None:
 
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
-    """The files that a scenario uses, itself included, by what they are; raises DasError if one is missing."""
+    """The files of a scenario, including its own, by their role; raises DasError if one is missing."""
     try:
         return {
             "scenario": scenario.source,
@@ -273,10 +273,10 @@ def _best_runs(fronts: Sequence[Front], timetables: Sequence[Timetable]) -> tupl
 
 
 def _timetables(scenario: Scenario, vehicle: Vehicle, fronts: Sequence[Front]) -> tuple[Timetable, ...]:
-    """Timetables of the scenario's running times, or with the same relative buffer on every section, with dwells.
+    """Timetables from the scenario's running times, or with the same relative buffer on every section; with dwells.
 
     The buffer is added to the least time of the train with service braking, as planned by the advice; the sum is
-    rounded up to a tenth of a minute. Raises InfeasibleError if the train cannot be braked so.
+    rounded up to a tenth of a minute. Raises InfeasibleError if that braking cannot stop the train.
     """
     times_s = scenario.running_s
     if times_s is None:
@@ -296,7 +296,7 @@ def _least_s(front: Front, braking: ServiceBraking) -> float:
 
 
 def _journey(scenario: Scenario, route: Route) -> Journey:
-    """The journey of a scenario on its route; raises DasError for one that a simulated run cannot follow."""
+    """The journey of a scenario on its route; raises DasError for a journey that cannot be simulated."""
     assert scenario.journey is not None
     journey = load_journey(scenario.journey, route)
     for passing in journey.passings:
@@ -311,7 +311,7 @@ def _journey(scenario: Scenario, route: Route) -> Journey:
 def _planned_timetables(
     journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None
 ) -> tuple[Timetable, ...]:
-    """The times of the least-energy plan of a journey, to 0.1 s; InfeasibleError, which names a window, without one."""
+    """Times of the least-energy plan of a journey, to 0.1 s; without a plan, InfeasibleError names a window."""
     plan = JourneyPlanner(journey, route, vehicle, level=level).plan()
     return tuple(
         Timetable(
@@ -327,12 +327,12 @@ _Kind = TypeVar("_Kind")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Day:
-    """Plan and truth of the run that belongs to one seed.
+    """The run of one seed: plan, and true train and line.
 
     `conditions` describe the true train and line, without events on the way. `held_s` is the delay (s) of the
     departure from each stop. `human` are the parameters of a human driver, and `stream` is the number of this driver's
-    stream of random numbers in this run. `drawn` has all random draws, in SI, for programs: the disturbances, the
-    truth, and the human.
+    stream of random numbers in this run. `drawn` has all random draws, in SI, for programs: of the disturbances, of
+    train and line, and of the human driver.
     """
 
     service: Service
@@ -346,7 +346,7 @@ class Day:
     stream: int = 0
 
     def driver(self, kind: DriverKind | OwnClass, friction: FrictionPolicy = FrictionPolicy.AS_MEASURED) -> Driver:
-        """Make a driver of a kind, or of a class of the user's, for this run; DasError if it cannot be made.
+        """Make a driver of a kind, or from a user's class, for this run; raises DasError if that fails.
 
         Only a human driver uses the friction policy.
         """
@@ -359,10 +359,10 @@ class Day:
 
 
 def make_day(service: Service, seed: int, participant: Participant | None = None) -> Day:
-    """The run of a seed; its human driver is the participant or, without one, drawn by the seed as well.
+    """The run of a seed; the human driver is the participant or, without one, drawn with the seed as well.
 
-    Raises DasError for what cannot happen on this line or with this train, for a true train that cannot be driven on
-    it, and for a participant whom the scenario would change from run to run.
+    Raises DasError for disturbances impossible on this line or with this train, for a true train that cannot be driven
+    on the line, and for a participant whose parameters the scenario would change from run to run.
     """
     disturbances = service.scenario.day(seed)
     human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
@@ -387,7 +387,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
 
 
 def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
-    """The run with other disturbances, which must not act on train or rail, because the train and its line have been
+    """The run with other disturbances. They must not act on train or rail, because these have been
     made already.
     """
     found = tuple(disturbances)
@@ -427,7 +427,7 @@ AS_PLANNED = Conditions()
 def check_train(
     scenario: Scenario, route: Route, stops: Sequence[Stop], planned: tuple[Vehicle, Level], conditions: Conditions
 ) -> None:
-    """Raise DasError, as `true_sections` does, if the true train is not the planned one and cannot be driven."""
+    """Raise DasError, as `true_sections` does, if the true train differs from the planned and cannot be driven."""
     if not (scenario.truth.is_as_planned and conditions.changes_nothing):
         true_sections(scenario, route, stops, planned, conditions)
 
@@ -435,10 +435,10 @@ def check_train(
 def true_sections(
     scenario: Scenario, route: Route, stops: Sequence[Stop], planned: tuple[Vehicle, Level], conditions: Conditions
 ) -> tuple[Section, ...]:
-    """The sections between the stops for the true train, where a train and its level of losses are planned.
+    """The sections between the stops for the true train; `planned` is the planned train with its level of losses.
 
-    Raises DasError, which names the scenario's keys, for a train that cannot be driven under the conditions: its brakes
-    do not hold it on a descent, it stalls, or its losses do not cover what it can do.
+    Raises DasError, which names the scenario's keys, for a train that cannot be driven under the conditions: the brakes
+    are too weak for a descent, the train stalls, or the losses do not cover its speeds and efforts.
     """
     vehicle, level = scenario.truth.train(*planned)
     line, train = conditions.line(route), conditions.train(vehicle)
@@ -453,7 +453,7 @@ def true_sections(
 
 
 def _changed(truth: Truth, conditions: Conditions) -> Iterator[str]:
-    """The scenario's changes to the train: each key with its value, and the range from which it is drawn."""
+    """The scenario's changes to the train: each key with its value, and the range from which the value is drawn."""
     for name, drawn in truth.conditions.items():
         value = getattr(conditions, name)
         if value != getattr(AS_PLANNED, name):

@@ -1,7 +1,7 @@
 """Displays that show only a part of the advice (one top speed, or four modes), and a sheet made before the run.
 
 The top speed is the reduced maximum speed, with which a train that brakes gently keeps the timetable. A display shows
-it in whole steps, which decrease where braking for a lower speed begins.
+this speed in whole steps, and a lower step from the place where braking for a lower speed begins.
 """
 
 from __future__ import annotations
@@ -47,47 +47,47 @@ EASY_BRAKING_MPS2: Final = 0.5
 JUDGED_EVERY_S: Final = 30.0
 """Interval (s) at which the reduced maximum speed is computed."""
 SLOWEST_MPS: Final = 20.0 * KMH
-"""Lowest speed shown (m/s), except under a lower limit and in the last metres before a stop, where it is halved, if
-need be several times."""
+"""Lowest speed shown (m/s), except under a lower limit and in the last metres before a stop, where it is halved,
+repeatedly if necessary."""
 HALVINGS: Final = 12
 """Number of halvings of the interval in the search for the reduced maximum speed."""
 BELOW_RATIO: Final = 0.999
-"""Divisor of the allowed speed; the computation starts there for a train faster than comfortable braking allows."""
+"""Divisor of the allowed speed: the largest initial speed of the computation, for a train that is too fast."""
 
 Floats = NDArray[np.float64]
 LEVEL_MPS = 1e-6
-"""Decrease (m/s) of speed over an interval; with a smaller one a curve counts as level."""
+"""Decrease (m/s) of speed over an interval below which a curve counts as level."""
 
 
 class Staircase:
     """The top speed to show at each position of a section, under a curve of gentle braking.
 
-    The speed shown is never above the limit over the train, nor above the curve. Where it would be above the curve,
-    the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest
+    The speed shown is never above the limit over the train, nor above the curve. If the reduced maximum speed is above
+    the curve, the speed at the foot of the curve is shown instead: the next lower limit, or before a stop the slowest
     speed. The speed 0 of a stop itself is not shown: the driver finds the mark without the display, and a train
     that stands short of the mark must still be able to move up. In the last metres, where full braking from the slowest
-    speed would no longer stop the train at the mark, that speed is halved as often as it takes.
+    speed would no longer stop the train at the mark, that speed is halved until it would.
 
-    A train may be so much slower than the curve that speeding up saves time. It is then shown a speed that it can reach
-    before it must brake, until the curve has fallen to that speed.
+    If the train is so much slower than the curve that speeding up saves time, the display shows a speed that the train
+    can reach before it must brake, until the curve has fallen to that speed.
     """
 
     def __init__(self, section: Section, curve_mps: Floats, braking_mps2: float) -> None:
         self._section, self._braking_mps2 = section, braking_mps2
         self._falls = np.diff(curve_mps) < -LEVEL_MPS
-        # Where the curve rises with the limit, the interval already has the speed at the start of the next interval.
+        # Where the curve rises with the limit, an interval has the higher speed of the next interval's start.
         starts = np.where(self._falls, curve_mps[:-1], curve_mps[1:])
         self._start_w, self._end_w = starts**2, curve_mps[1:] ** 2
         self._foot_mps, self._full_w = _feet(self._falls, curve_mps[1:]), section.envelope_mps**2
         self._judged_mps = self._shown_mps = math.nan
 
     def at(self, s_m: float, v_mps: float, judged_mps: float) -> float:
-        """The speed to show (m/s) to a train in a state; `judged_mps` is its reduced maximum speed."""
+        """The speed to show (m/s) at a position and speed of the train; `judged_mps` is the reduced maximum speed."""
         i = int(kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
         free_mps = min(self._held(judged_mps), step_below(limit_mps))
         curve_mps = self.curve_mps(s_m)
-        # The speed shown to a train that is slowing down does not rise while the train is still above the new speed.
+        # While a train slows down, the shown speed does not rise as long as the train is faster than the new speed.
         slows = self._falls[i] and v_mps > free_mps > self._shown_mps
         if curve_mps >= free_mps:
             self._shown_mps = self._shown_mps if slows else free_mps
@@ -99,14 +99,14 @@ class Staircase:
         return min(self._shown_mps, limit_mps)
 
     def curve_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) at a place from which gentle braking keeps every limit and stop ahead."""
+        """The highest speed (m/s) at a place from which gentle braking obeys every limit and stop ahead."""
         section = self._section
         i = int(kernels.interval(section.node_m, s_m))
         share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
         return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
 
     def _held(self, judged_mps: float) -> float:
-        """The reduced maximum speed in whole steps, which changes only when `judged_mps` has clearly changed."""
+        """The reduced maximum speed in whole steps, changed only when `judged_mps` has clearly changed."""
         self._judged_mps = steady_step(judged_mps, self._judged_mps)
         return self._judged_mps
 
@@ -165,7 +165,7 @@ class ReducedSpeed:
         easy_mps2 = min(EASY_BRAKING_MPS2, section.train.max_deceleration_mps2)
         easy = section.train._replace(max_deceleration_mps2=easy_mps2)
         ceiling, _ = braking_envelope(section.for_kernels, section.limit_mps, section.end_speed_mps, easy, FULL_BRAKES)
-        # On a descent where gentle braking is not enough, the envelope of the section counts.
+        # On a descent too steep for gentle braking, the section's envelope is used.
         self._ceiling_mps = np.minimum(np.maximum(ceiling, section.floor_mps), section.envelope_mps)
         self._section = section
         self._staircase = Staircase(section, self._ceiling_mps, easy_mps2)
@@ -176,7 +176,7 @@ class ReducedSpeed:
         return self._staircase.at(s_m, v_mps, self.judged_mps(s_m, v_mps, now_ns, arrival_ns))
 
     def judged_mps(self, s_m: float, v_mps: float, now_ns: int, arrival_ns: int) -> float:
-        """The reduced maximum speed (m/s) for the rest of the section; computed again only if the last one is old."""
+        """The reduced maximum speed (m/s) for the rest of the section; recomputed only if the last value is old."""
         age_s = (now_ns - self._judged_ns) * NS
         if math.isnan(self._speed_mps) or arrival_ns != self._for_ns or not 0 <= age_s < JUDGED_EVERY_S:
             before_mps = self._speed_mps if arrival_ns == self._for_ns else math.nan
@@ -199,7 +199,7 @@ class ReducedSpeed:
         return high
 
     def time_s(self, s_m: float, v_mps: float, top_mps: float) -> float:
-        """The time (s) to the section's end under a top speed, braking gently; infinity if a hill stops the train."""
+        """The time (s) to the section's end under a top speed, with gentle braking; inf if a hill stops the train."""
         section = self._section
         first = int(np.searchsorted(section.node_m, s_m, side="right")) - 1
         first = min(max(first, 0), len(section.step_m) - 1)
@@ -217,12 +217,12 @@ BEFORE_S: Final = 4.0
 SLOW_MPS: Final = 4.0
 """Speed (m/s) below which `BEFORE_M` and `LEAST_S` count instead of `BEFORE_S`."""
 BEFORE_M: Final = 5.0
-"""Lead (m) with which full braking is shown to a slow train, which stops at most so far short."""
+"""Lead (m) with which full braking is shown to a slow train, which stops short by no more than that."""
 LEAST_S: Final = 2.0
-"""Least lead (s) with which full braking is shown to a slow train: a driver takes as long to act."""
+"""Least lead (s) with which full braking is shown to a slow train: the time that a driver takes to act."""
 WEAK_BRAKE_RATIO: Final = 0.6
-"""Share of the full effort below which electric braking is shown as coasting: the only brake of the four modes is the
-full one, with which the driver would brake too early."""
+"""Share of the full effort below which electric braking is shown as coasting: the four modes have only the full
+brake, which would be too early."""
 
 
 class SimplerDisplay:
@@ -233,7 +233,7 @@ class SimplerDisplay:
         self._reduced = ReducedSpeed(section)
 
     def look(self, advice: Any, departure_ns: int, arrival_ns: int) -> SimplerLook:
-        """The part of advice (`Advice`, or its message) that is shown to a train with these times on the section."""
+        """The part of advice (`Advice`, or its message) to show; the times (ns since 1970) are those of the section."""
         mode, next_mode = Regime(int(advice.mode)), Regime(int(advice.next_mode))
         four, after, after_s = mode, FOUR_MODES.get(next_mode, next_mode), advice.next_change_s
         if mode not in (Regime.NONE, Regime.STOP, Regime.DEPART):
@@ -255,7 +255,7 @@ class SimplerDisplay:
         """The top speed (m/s); before the departure, of the trip ahead; NaN for a train that has arrived."""
         if mode is Regime.NONE or (mode is Regime.STOP and advice.s_m > self.section.start_m + AT_STOP_M):
             return math.nan
-        if advice.predicted_arrival_ns:  # by the timetable, or as traffic management wants
+        if advice.predicted_arrival_ns:  # by the timetable or by traffic management
             arrival_ns = advice.predicted_arrival_ns - round(advice.predicted_deviation_s / NS)
         now_ns = max(advice.time_ns, departure_ns) if mode is Regime.STOP else advice.time_ns
         return self._reduced.shown_mps(max(advice.s_m, self.section.start_m), advice.speed_mps, now_ns, arrival_ns)
@@ -285,7 +285,7 @@ class SimplerDisplay:
 
 
 class SimplerDisplays:
-    """The display of a whole run: a `SimplerDisplay` for each section, another one when the restrictions change."""
+    """The display of a whole run: a `SimplerDisplay` for each section, replaced when the restrictions change."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -293,7 +293,7 @@ class SimplerDisplays:
         self._shown: SimplerDisplay | None = None
 
     def look(self, advice: Any, number: int, told: tuple[Any, ...]) -> SimplerLook | None:
-        """The part of advice that is shown on a section (by number) under the received restrictions; None: nothing."""
+        """The part of advice to show on a section (by number) under the received restrictions; None to show nothing."""
         if int(advice.mode) == Regime.NONE:
             return None
         service, table = self._service, self._service.timetables[number]
@@ -317,7 +317,7 @@ class SimplerDisplays:
 
 
 class FourModes(NamedTuple):
-    """Decides which of the four modes a train may be shown: full traction, hold a speed, coast, full brake.
+    """The choice of the mode that may be shown: full traction, hold a speed, coast, full brake.
 
     `held_mps` is the highest speed that may be advised to hold (m/s), `excess_mps` the train's excess over the allowed
     speed (m/s).
@@ -330,7 +330,7 @@ class FourModes(NamedTuple):
     excess_mps: float
 
     def safe(self, four: Regime, mode: Regime) -> Regime:
-        """The mode `four` if it is safe, else the one of the four modes that the limits and the stop ahead require.
+        """The mode `four` if it is safe, else whichever of the four modes the limits and the stop ahead require.
 
         `mode` is the mode on the other displays. If they show braking, however weak, to a train that is too fast, the
         result is full braking.
@@ -352,18 +352,18 @@ class FourModes(NamedTuple):
             return Regime.CRUISE  # Full traction would soon take the train above the limit.
         above = self.excess_mps + gained_mps > 0.0
         if rolls and above and gained_mps2 * COASTS_IN_S > -self.excess_mps:
-            return Regime.CRUISE  # Coasting would not come down to the limit.
+            return Regime.CRUISE  # Coasting would not slow the train to the limit.
         return four
 
     def _may_creep(self) -> bool:
-        """Whether holding a speed may be advised to a slow train instead, because it would stop short if it coasted."""
+        """Whether a slow train may be advised to hold a speed, because it would stop short if it coasted."""
         before_s = max(BEFORE_M / max(self.held_mps, 0.1), LEAST_S)
         return self.state.v_mps <= SLOW_MPS and not brakes_late(self.planner, self.state, self.held_mps, before_s)
 
     def full_brake_due_s(self, four: Regime) -> float:
         """The number of whole seconds after which full braking must follow the mode `four`.
 
-        Infinity if it need not while the advice is valid, or if `four` is full braking.
+        Infinity if full braking is not needed while the advice is valid, or if `four` is full braking.
         """
         if four is Regime.FULL_BRAKE:
             return math.inf
@@ -383,7 +383,7 @@ class FourModes(NamedTuple):
         return self.state.v_mps + gained_mps2 * self.valid_for_s >= speed_mps
 
     def _gained_mps2(self, four: Regime) -> float:
-        """The acceleration (m/s²) of the train: with full traction if `four` is full traction, else coasting."""
+        """The acceleration (m/s²) of the train with full traction if `four` is full traction, else while coasting."""
         full = 1.0 if four is Regime.FULL_TRACTION else 0.0
         return self.planner.ahead.accelerates_mps2(full, self.state.s_m, self.state.v_mps)
 
@@ -401,7 +401,7 @@ def brakes_late(planner: Planner, state: TrainState, v_mps: float, within_s: flo
 VALID_S = 3600.0
 """Validity (s) of an instruction of the sheet in the driver's view: a sheet does not expire."""
 LEFT_LATE_S = 60.0
-"""Largest lateness (s) at a stop with which the driver follows the sheet; if later, the train runs at line speed."""
+"""Largest lateness (s) of a departure with which the driver follows the sheet; if later, the driver ignores it."""
 HELD_UP_MPS = 5.0
 """Largest shortfall (m/s) below the sheet's speed with which a driver coasts and brakes as the sheet instructs."""
 SHEETS_KEPT = 256
@@ -419,7 +419,7 @@ class PaperSheet:
         self._service = day.service
 
     def look(self, state: PlantState, calls: Calls, now_ns: int) -> AdviceView | None:
-        """The instruction of the sheet in a state; None where the driver drives without it: late, or held up."""
+        """The sheet's instruction in a state; None if the driver ignores it because the train is late or held up."""
         zero_ns = self._service.timetables[0].departure_ns
         blank = AdviceView(
             time_s=(now_ns - zero_ns) * NS,
@@ -477,7 +477,7 @@ def _made(
 
 
 def _window(service: Service, number: int) -> tuple[float | None, Window | None]:
-    """The first passing of a section with a window that is enforced, and the window (s from the departure)."""
+    """The first passing of a section with a window to be enforced, and that window (s from the departure)."""
     departs_ns = service.timetables[number].departure_ns
     first_m, last_m = (service.stops[i].position_m for i in (number, number + 1))
     for due in service.passings:
@@ -493,6 +493,6 @@ def _mode(line: SheetLine) -> int:
 
 
 def _held_up(sheet: SectionSheet, line: SheetLine, state: PlantState) -> bool:
-    """Whether a train is so slow that coasting or braking by the sheet would stop it before its place."""
+    """Whether a train is so slow that coasting or braking by the sheet would stop it short of its place."""
     slows = line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
     return slows and state.speed_mps < sheet.speed_at(state.s_m) - HELD_UP_MPS

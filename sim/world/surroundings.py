@@ -41,11 +41,11 @@ from sim.world.disturbances import (
 from sim.world.service import Day
 
 PASSED_M: Final = 2000.0
-"""Largest distance (m) beyond a stop of a train that has not missed it."""
+"""Largest distance (m) beyond a stop at which a train has not yet missed it."""
 
 
 class Calls:
-    """Follows a train from stop to stop; call its methods in the order of time."""
+    """The departures and arrivals of a train from stop to stop; call the methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._service = day, day.service
@@ -94,9 +94,9 @@ class Calls:
         return ready_s + self._day.held_s[self.section]
 
     def take(self, before: PlantState, after: PlantState) -> str | None:
-        """Note a departure or an arrival between two states; returns a sentence about it, or None.
+        """Record a departure or an arrival between two states; returns a sentence about it, or None.
 
-        A train that stands beyond the stop has arrived too.
+        A train that stands beyond the stop has arrived as well.
         """
         if self.waits:
             if after.speed_mps > 0:
@@ -134,7 +134,7 @@ class Calls:
 
 
 class Watch:
-    """Watches the states of a run for violations; call its methods in the order of time."""
+    """The check of a run's states for violations; call the methods in the order of time."""
 
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
@@ -197,7 +197,7 @@ COMPARED_EVERY_S = 35.0
 
 
 class Surroundings:
-    """The surroundings of a train in a run; call its methods in the order of time."""
+    """The surroundings of a train in a run; call the methods in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._service = day.service
@@ -209,7 +209,7 @@ class Surroundings:
         self._late_s = math.nan
         self._watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
-        # Without restrictions the node gets an empty list, because it must not advise before it has a list.
+        # Without restrictions an empty list is sent, because a node without a list must not advise.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
     @property
@@ -218,7 +218,7 @@ class Surroundings:
         return self._watch.found
 
     def measure(self, state: PlantState) -> list[Heard]:
-        """The measured values of the sensors in a state; to be called once a tick, even if they are not received."""
+        """The measured values of the sensors in a state; to be called once a tick, even if the values are not sent."""
         fix, effort = self._localisation.measure(state), self._train_control.measure(state)
         self._late_s = self._delay_s(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]
@@ -273,7 +273,7 @@ class Surroundings:
         )
 
     def follow(self, before: PlantState, after: PlantState, span_s: float) -> list[str]:
-        """Note arrivals, departures and violations in a motion that took `span_s`; returns a sentence about each."""
+        """Record arrivals, departures and violations in a motion that took `span_s`; returns a sentence about each."""
         called = self.calls.take(before, after)
         violated = self._watch.take(
             after,
@@ -297,11 +297,11 @@ class _Steps:
 
 
 NODE_DOWN_S = 2.0
-"""Time (s) for which a node that is restarted does not answer."""
+"""Time (s) after a restart for which the node does not answer."""
 
 
 class DayNews:
-    """The messages and signals known to driver and node; call its methods once a second, in the order of time."""
+    """The messages and signals known to driver and node; call the methods once a second, in the order of time."""
 
     def __init__(self, day: Day) -> None:
         self._day, self._length_m = day, day.service.vehicle.train_length_m
@@ -316,9 +316,9 @@ class DayNews:
         self.targets: tuple[Target, ...] = ()
         """Targets of traffic management that are in force."""
         self.told: tuple[Restriction, ...] = ()
-        """Announced restrictions, until the tail has left them; `holding` returns those that hold."""
+        """Announced restrictions, until the train's tail has left them; `holding` returns those in force."""
         self.shown: tuple[Restriction, ...] = ()
-        """Restrictions that the driver keeps: announced ones that count now, and those known to the driver alone."""
+        """Restrictions that the driver obeys: the announced ones in force, and those known to the driver alone."""
 
     def update(self, state: PlantState) -> list[str]:
         """Update signals, targets, restrictions and outages for a state; returns a sentence about each new one."""
@@ -330,7 +330,7 @@ class DayNews:
         ]
 
     def holding(self, now_s: float) -> list[Restriction]:
-        """The announced restrictions that hold at a time of the run's clock (s)."""
+        """The announced restrictions in force at a time of the run's clock (s)."""
         now_ns = self._day.service.moment_ns(now_s)
         return [one for one in self.told if one.holds_at(now_ns)]
 
@@ -343,7 +343,7 @@ class DayNews:
         return True
 
     def cut_off(self, now_s: float) -> bool:
-        """Whether no message gets through to the node, or there is no node."""
+        """Whether no message reaches the node, or no node is running."""
         return now_s < self._down_until_s or any(_lasts(x, now_s) for x in self._day.of(BusOutage))
 
     def _signals(self, state: PlantState) -> list[str]:
@@ -366,7 +366,7 @@ class DayNews:
         return self._seen_s.get(signal, math.inf) + signal.clears_after_s
 
     def _traffic(self, state: PlantState) -> list[str]:
-        """Update the targets; returns a sentence for each new one. A train that keeps to them meets clear signals."""
+        """Update the targets; returns a sentence for each new one. A train that meets them finds signals clear."""
         before = self.targets
         due = tuple(
             Target(s_m=x.s_m, earliest_ns=x.earliest_ns, latest_ns=x.latest_ns, reason=f"passing {x.name}")
@@ -417,9 +417,9 @@ def _lasts(fault: SensorOutage | BusOutage, now_s: float) -> bool:
 
 
 CORRELATION_S = 30.0
-"""Time constant (s, assumption) with which the error of a receiver's position wanders."""
+"""Correlation time (s, assumption) of the wandering error of a receiver's position."""
 STREAM, FORCE_STREAM = 2, 3
-"""Streams of a seed's random numbers: positions and efforts. Stream 1 is for disturbances; drivers have their own."""
+"""Streams of a seed's random numbers: positions and efforts. Stream 1 is for disturbances; drivers have others."""
 
 
 class SimulatedLocalisation:
@@ -459,7 +459,7 @@ class SimulatedLocalisation:
         )
 
     def _faulty(self, fix: PositionFix, fault: SensorOutage) -> PositionFix:
-        """The position that a faulty receiver reports; it notices noise, but neither a jump nor that it is frozen."""
+        """The position that a faulty receiver reports; its stated accuracy includes noise, but no jump or freezing."""
         if fault.fault is SensorFault.JUMP:
             return replace(fix, s_m=fix.s_m + fault.size_m)
         if fault.fault is SensorFault.NOISE:
@@ -470,14 +470,14 @@ class SimulatedLocalisation:
 
 
 class TrainControl:
-    """The measurement of efforts by the train's own control in a run; call `measure` once a tick."""
+    """The measurement of efforts by train control in a run; call `measure` once a tick."""
 
     def __init__(self, day: Day) -> None:
         self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio
         self._random = np.random.default_rng([day.seed, FORCE_STREAM])
 
     def measure(self, state: PlantState) -> Effort | None:
-        """The measured forces of a state, each with its own noise; None if the scenario does not measure them."""
+        """The measured forces in a state, each with independent noise; None if the scenario has no measured forces."""
         if self._noise_ratio is None:
             return None
         electric, friction = (1.0 + self._noise_ratio * self._random.standard_normal(2)).tolist()

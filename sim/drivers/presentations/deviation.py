@@ -16,7 +16,7 @@ DEVIATION_STEP_S: Final = 5.0
 
 
 class DeviationPresenter(Presenter):
-    """Shows the lateness (s; early < 0) against the planned run for the timetable."""
+    """A display of the lateness (s; early < 0) against the planned run for the timetable."""
 
     number = 5
     phrase = "how early or late the train is, and nothing about how to drive"

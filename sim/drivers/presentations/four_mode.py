@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class FourModePresenter(Presenter):
-    """Shows a mode, a speed if the mode holds one, and the next mode with its time."""
+    """A display of a mode, the speed to hold if the mode holds one, and the next mode with its time."""
 
     number = 2
     phrase = "four modes"
@@ -49,7 +49,7 @@ class FourModePresenter(Presenter):
         )
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        """The mode of the full advice as one of four; the other values shown are in the messages of the cab."""
+        """The mode of the full advice, reduced to one of four; other displayed values are in the cab messages."""
         mode = known_mode(advice.mode)
         return ShownRegime(FOUR_MODES.get(mode, mode), float(advice.advised_speed_mps))
 
@@ -58,7 +58,7 @@ class FourModePresenter(Presenter):
         return Shown(mode=mode, speed_kmh=whole(view.shown_speed_mps / KMH) if mode is Regime.CRUISE else None)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """Full traction, no effort, or the effort that holds the speed; a brake on advice is by the motors alone."""
+        """Full traction, no effort, or the effort that holds the speed; advised braking uses the motors alone."""
         view, handling = view.departure, hands.handling
         if view.mode == Regime.CRUISE:
             return handling.held(cab, outlook, min(view.shown_speed_mps, allowed_mps))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class GuidePresenter(Presenter):
-    """Shows the guide's present instruction with its speed, effort and reason, and the next change."""
+    """A display of the guide's present instruction with speed, effort and reason, and of the next two changes."""
 
     number = 4
     phrase = "the guide in the cab (what to do now, up to which speed, and what comes next)"
@@ -108,13 +108,13 @@ def _effort_steps(view: AdviceView) -> int:
 
 
 def _departure(now: Any) -> Instruction:
-    """The instruction for a train that is to depart by the guide's advice, due as soon as the train is cleared."""
+    """The instruction for a train that the guide advises to depart; due as soon as the train is cleared."""
     mode = departure_regime(now.effort_ratio)
     return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
 
 
 class GuideFollower:
-    """Obeys each instruction of the guide when it is due, and remembers it and the place where it became due."""
+    """A driver who obeys each instruction of the guide when due, and remembers the place where it became due."""
 
     def __init__(self) -> None:
         self._due: AdviceView | None = None
@@ -128,7 +128,7 @@ class GuideFollower:
         return after if after is not None else self._obeyed(cab, self._due, outlook)
 
     def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for a next change that is an acceleration and due now; None otherwise. The limit is kept."""
+        """The command for the next change if it is an acceleration that is due now, within the limit; else None."""
         due_s = view.time_s + view.next_change_s - RULE.anticipation_s
         if view.next_mode not in TRACTION or not cab.time_s >= due_s:
             return None

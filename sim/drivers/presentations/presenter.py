@@ -1,7 +1,7 @@
 """The definition of a presentation of the advice, and the lookup of presentations by name or number.
 
-A new presentation needs a line in `sim.drivers.kinds.Presentation`, and a module in this package that has its name
-(with `_` for `-`) and whose `PRESENTER` is a `Presenter`.
+A new presentation needs a line in `sim.drivers.kinds.Presentation`, and a module of the same name in this package
+(with `_` for `-`) that defines a `Presenter` called `PRESENTER`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sim.plant.kernels import Command
 
 EFFORT_STEP_RATIO: Final = 0.2
-"""Step of the displayed effort, as a share of the controller's scale; finer steps are neither read nor set."""
+"""Step of the displayed effort, as a share of the controller's scale; drivers neither read nor set finer steps."""
 
 
 FOUR_MODES: Final = {
@@ -37,7 +37,7 @@ FOUR_MODES: Final = {
     Regime.REDUCED_BRAKE: Regime.FULL_BRAKE,
     Regime.FRICTION_BRAKE: Regime.FULL_BRAKE,
 }
-"""The mode shown for each mode that is not one of the four."""
+"""For each driving regime that is not one of the four modes, the mode that is shown for it."""
 
 
 class SpeedIs(Enum):
@@ -49,9 +49,9 @@ class SpeedIs(Enum):
 
 
 class LaneState(NamedTuple):
-    """The entry in the lane "shown" of pictures for a display without modes: a text and its colour "#rrggbb".
+    """The entry in the lane "shown" of pictures for a display without modes: a text, and its colour "#rrggbb".
 
-    `standing`: the lane has this text for a standing train too; otherwise a standing train has the mode (stop or
+    `standing`: the lane has this text for a standing train too; otherwise it then has the mode (stop or
     depart).
     """
 
@@ -69,13 +69,13 @@ class ShownRegime(NamedTuple):
 
 
 class SimplerLook(NamedTuple):
-    """The content of a display of one top speed or of four modes; the other fields are taken from the advice."""
+    """The values for a display of one top speed or of four modes; its other fields are taken from the advice."""
 
     time_ns: int
     valid_until_ns: int
     mode: int
     top_speed_mps: float = math.nan
-    """The top speed to show: it keeps the time, and never exceeds the speeds that limits and stops ahead require."""
+    """The top speed to show: the train arrives on time, and obeys the limits and stops ahead."""
     four_mode: int = Regime.NONE
     next_four_mode: int = Regime.NONE
     next_four_change_s: float = math.nan
@@ -99,7 +99,7 @@ class Shown(NamedTuple):
 
 
 class Hands(Protocol):
-    """The actions of a human driver to follow advice; every result is a setting of the controller (−1 … 1)."""
+    """The actions with which a human driver follows advice; each returns a setting of the controller (−1 … 1)."""
 
     @property
     def handling(self) -> Handling:
@@ -113,7 +113,7 @@ class Hands(Protocol):
 
 
 class Follower(Protocol):
-    """Follows a presentation exactly, from one departure to the next."""
+    """A driver who follows a presentation exactly, from one departure to the next."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
         """The command for a moving train; None if the driver should drive as without advice."""
@@ -126,17 +126,17 @@ class Presenter(ABC):
     """
 
     number: ClassVar[int]
-    """The value of `Cab.Presentation` on the bus, which no other presentation has; das/bus/das.proto may name it."""
+    """The unique value of `Cab.Presentation` on the bus; das/bus/das.proto may have a name for it."""
     phrase: ClassVar[str]
     """Name of the presentation in the sentences of a report."""
     meaning: ClassVar[str]
     """Contents of the display, for readers of a study."""
     is_simpler: ClassVar[bool] = False
-    """Whether it receives a `SimplerLook`, which the simulated cab computes from the advice, instead of the advice."""
+    """Whether the display gets a `SimplerLook`, computed in the simulated cab, instead of the advice itself."""
     needs_guide: ClassVar[bool] = False
     """Whether the on-board system must have its guide enabled."""
     says_mode: ClassVar[bool] = True
-    """Whether the display has a driving regime; one without it shows at most a top speed."""
+    """Whether the display shows a driving regime; a display without one shows at most a top speed."""
     lane: ClassVar[LaneState | None] = None
     """The lane of a display that shows no mode; None if the lane shows the modes."""
 
@@ -147,7 +147,7 @@ class Presenter(ABC):
         """
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        """The mode that the display shows for a message Advice; without modes, the mode of the speed profile."""
+        """The mode that the display shows for a message Advice; for a display without modes, the speed profile's."""
         return ShownRegime(known_mode(advice.mode), float(advice.advised_speed_mps))
 
     def speed_is(self, mode: int) -> SpeedIs:
@@ -184,11 +184,11 @@ class Presenter(ABC):
         return self.mode_words(number, language)
 
     def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
-        """The words for the mode with a number of the bus and a speed (empty: none)."""
+        """The words for the mode with a number of the bus, and for a speed (an empty text: no speed)."""
         return ", ".join(filter(None, (self.mode_words(number, language), speed)))
 
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
-        """The main text of the display: mode and speed, or their replacement."""
+        """The main text of the display: mode and speed, or what the display shows instead."""
         speed = "" if view.mode in (Regime.STOP, Regime.DEPART) else speed_words(view.shown_speed_mps)
         return self.instruction(view.mode, speed, language)
 
@@ -206,7 +206,7 @@ class NoAdvice(Presenter):
 
 @cache
 def presenter_of(presentation: Presentation) -> Presenter:
-    """The presenter of a presentation, from the module of its name, or from the package with it."""
+    """The presenter of a presentation, from the module of that name, or from the package that adds it."""
     if presentation is Presentation.NONE:
         return NoAdvice()
     if (door := installed(PRESENTATIONS).get(presentation)) is not None:
@@ -220,7 +220,7 @@ def presenter_of(presentation: Presentation) -> Presenter:
 @cache
 def shown_presentation(number: int) -> Presentation | None:
     """The presentation with a number of the message Cab; None for no advice and for an unknown number."""
-    named: Any = CAB.message  # for the numbers that it names, no other presentation needs to be imported
+    named: Any = CAB.message  # for the numbers named there, no other presentation needs to be imported
     known = {value: Presentation[name.removeprefix("PRESENTATION_")] for name, value in named.Presentation.items()}
     if number in known:
         return known[number] if number else None

@@ -9,7 +9,7 @@ from sim.drivers.presentations.guide import GuidePresenter
 
 
 class SheetPresenter(GuidePresenter):
-    """Shows the line of the sheet for the train's position, and the next line; the simulated run reads both."""
+    """A display of the sheet's line for the train's position, and of the next line; both are read in simulated runs."""
 
     number = 6
     phrase = "a sheet of paper (what to do from which kilometre on, fixed before departure)"

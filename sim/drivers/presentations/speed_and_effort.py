@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class SpeedAndEffortPresenter(Presenter):
-    """Shows speed and effort now and for the next seconds, and the next change of driving regime."""
+    """A display of speed and effort now and for the next seconds, and of the next change of driving regime."""
 
     number = 3
     phrase = "the present speed and effort"
@@ -46,7 +46,7 @@ class SpeedAndEffortPresenter(Presenter):
         return (view.mode,)
 
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
-        """The advised effort, corrected where the speed differs from the advised one.
+        """The advised effort, corrected if the speed differs from the advised speed.
 
         There is no correction while the advice is to coast, or at the end of the controller's scale.
         """
@@ -68,7 +68,7 @@ class SpeedAndEffortFollower:
     """Feeds the advised force forward and corrects the speed."""
 
     def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for the present advice; None for a stop that is still too far away to brake for."""
+        """The command for the present advice; None if the stop is still too far away to brake for it."""
         since_s = cab.time_s - view.time_s
         speeds = (view.speed_mps, *view.horizon_speed_mps)
         forces = (view.force_n, *view.horizon_force_n)
@@ -84,7 +84,7 @@ class SpeedAndEffortFollower:
         rate = (_between(speeds, since_s + TRACKING.ahead_s) - now) / TRACKING.ahead_s
         # Brakes are applied early and released late; traction is applied late and released early.
         ahead_n = min(_between(forces, since_s + lead_s) for lead_s in (RULE.anticipation_s, FOLLOWING.release_s))
-        # Use no more friction brake than the plan.
+        # No more friction brake than planned.
         low_n = min(ahead_n, _between(forces, since_s), -electric_effort(cab.speed_mps, 1.0, train))
         return speed(now, rate_mps2=rate, force_n=ahead_n, gain_per_s=TRACKING.gain_per_s, low_n=low_n)
 

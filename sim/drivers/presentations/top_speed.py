@@ -15,7 +15,7 @@ from sim.drivers.presentations.presenter import LaneState, Presenter, Shown, Sim
 
 
 class TopSpeedPresenter(Presenter):
-    """Shows a top speed, and, to a standing train, that it may depart when it is cleared."""
+    """A display of a top speed; while the train stands, also of the advice to depart once it is cleared."""
 
     number = 1
     phrase = "one maximum speed"

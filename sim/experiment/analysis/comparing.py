@@ -1,17 +1,17 @@
 """A study read from its folder, and its analysis: planned comparisons with intervals, and every condition.
 
 A comparison has pairs, or two groups of participants. A pair is two trials of one participant on one day under two
-conditions; its difference is one value minus the other. An estimate has the mean, its interval, its p value (the
-probability under chance), and its size in standard deviations. One method decides: sign flips for pairs, Welch's t for
+conditions; its difference is one value minus the other. An estimate has the mean, its interval, its p value, and its
+size in standard deviations. One method decides on significance: sign flips for pairs, Welch's t for
 groups. For pairs, Student's t is a second opinion.
 
 Sign flips (R. A. Fisher, The Design of Experiments, 1935, § 21): if the two conditions are equivalent, a driver's
 difference might as well have had the other sign. Every pattern of signs is then equally probable, and p is the share of
-patterns whose mean is at least as far from 0 as the one found. With few drivers all patterns are counted, and p is
-exact; with many, patterns are drawn at random. The interval holds each true difference that the same test does not
-reject. A pattern that flips some drivers is as far from 0 as the one found exactly where the mean of these drivers is
-on the other side of the true difference, so that the bounds are means of drivers (J. Hartigan, Journal of the American
-Statistical Association 64 (1969) 1303–1317).
+patterns whose mean is at least as far from 0 as the observed mean. With few drivers all patterns are counted, and p is
+exact; with many, patterns are drawn at random. The interval contains each true difference that the same test does not
+reject. The mean of a pattern that flips some drivers is as far from 0 as the observed mean exactly if the mean of these
+drivers is on the other side of the true difference, so that the bounds are means of drivers (J. Hartigan, Journal of
+the American Statistical Association 64 (1969) 1303–1317).
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ Bools = NDArray[np.bool_]
 Texts = NDArray[np.str_]
 
 NAMED: Final = ("trial", "participant", "position", "practice", "seed")
-"""Columns that the table of trials must have besides those of the factors and of the measures."""
+"""Columns that the table of trials must have in addition to those of factors and measures."""
 SHOWN_UNITS: Final = {"1": "times", "m/s": "km/h", "1/min": "per minute"}
-"""The report's names for units, if they differ; a ratio is shown in percent."""
+"""The names of units in the report, if different from the unit; a ratio is shown in percent."""
 SAME: Final = "the same"
 PERCENT: Final = 100.0
 
@@ -54,7 +54,7 @@ PERCENT: Final = 100.0
 class ShownMeasure:
     """The format of a measure in the report: values times `factor`, in `unit`; differences are in `difference_unit`.
 
-    A ratio is shown in percent, its difference in points. `digits` is the number of digits after the decimal point.
+    A ratio is shown in percent, a difference in points. `digits` is the number of digits after the decimal point.
     """
 
     column: str
@@ -69,7 +69,7 @@ class ShownMeasure:
     def of(cls, column: str, values: Floats) -> ShownMeasure:
         """The format of a column: for a measure of this program by its definition, else by the unit in its name.
 
-        The spread of the values decides the digits.
+        The spread of the values determines the number of digits.
         """
         known = MEASURES.get(column)
         plain, _, suffix = column.rpartition("_")
@@ -101,7 +101,7 @@ class ShownMeasure:
         return f"{rounded:+.{self.digits}f}".replace("-", "−") if rounded else f"{0:.{self.digits}f}"
 
     def range(self, interval: tuple[float, float]) -> str:
-        """An interval of differences, without its unit; empty if it is not known."""
+        """An interval of differences, without unit; empty for an unknown interval."""
         return f"{self.difference(interval[0])} to {self.difference(interval[1])}" if math.isfinite(interval[0]) else ""
 
     def changed(self, difference: float) -> str:
@@ -124,10 +124,10 @@ def probability(value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class FinishedTrials:
-    """The trials of a study, practice among them: each array has one entry for each trial.
+    """The trials of a study, including practice: each array has one entry for each trial.
 
-    `levels` has the level of each factor as text. `values` has the measures in the units of their columns; NaN if
-    the table has none. `position` counts the trials of one participant.
+    `levels` has the level of each factor as text. `values` has the measures in the units of their columns; NaN for
+    a missing value. `position` counts the trials of one participant.
     """
 
     participant: Texts
@@ -156,7 +156,7 @@ class RunStudy:
     parts: Mapping[str, RunStudy] = field(default_factory=dict)
 
     def chosen(self, comparison: PlannedComparison) -> Bools:
-        """Mask of the trials of a comparison: no practice, at its levels, with a value of its measure."""
+        """The mask of the trials of a comparison: not practice, at its levels, and with a value of its measure."""
         trials = self.trials
         kept = ~trials.practice & np.isfinite(trials.values[comparison.measure])
         kept &= np.isin(trials.levels[comparison.factor], (comparison.a, comparison.b))
@@ -179,7 +179,7 @@ class RunStudy:
 
     @property
     def with_people(self) -> bool:
-        """Whether people drove at the desk, not simulated drivers."""
+        """Whether people drove at the desk, instead of simulated drivers."""
         driver = self.design.fixed.get("driver")
         return (driver is not None and driver.text == DESK) or (self.folder / PEOPLE_FOLDER).is_dir()
 
@@ -193,18 +193,18 @@ class RunStudy:
 
     @property
     def missing(self) -> Counter[tuple[str, str]]:
-        """Number of planned trials that are not finished, by participant and condition."""
+        """The number of planned trials that are not finished, by participant and condition."""
         names = self.trials.participant[self.driven].tolist()
         return self.planned - Counter(zip(names, self.conditions(self.driven).tolist(), strict=True))
 
     def conditions(self, rows: Ints, without: str = "") -> Texts:
-        """The condition of each trial of `rows` as one text: its levels of all factors except `without`."""
+        """The condition of each trial of `rows` as one text: the levels of all factors except `without`."""
         levels = [self.trials.levels[one.name] for one in self.design.factors if one.name != without]
         return np.array([" ".join(str(one[row]) for one in levels) for row in rows], dtype=np.str_)
 
 
 def read_study(folder: Path) -> RunStudy:
-    """Read a study's folder: `design.json`, `trials.csv` and, if there, `failed.csv`; DasError if one is unusable."""
+    """Read `design.json`, `trials.csv` and, if any, `failed.csv` in a study's folder; DasError for unusable files."""
     if not folder.is_dir():
         raise DasError(f"{folder}: expected the folder of a study that was run")
     design = read_frozen(folder)
@@ -217,7 +217,7 @@ def read_study(folder: Path) -> RunStudy:
 
 
 def _failed(path: Path) -> tuple[str, ...]:
-    """The trials that failed, each in a sentence; none if there is no such file."""
+    """A sentence for each failed trial; none if there is no such file."""
     if not path.is_file():
         return ()
     rows = csv.DictReader(io.StringIO(read_text(path)))
@@ -255,7 +255,7 @@ def _trials(path: Path, design: Design) -> FinishedTrials:
 
 
 def _check_once(path: Path, trials: list[str]) -> None:
-    """InputError if two rows are of one trial."""
+    """Raise InputError if two rows have the same trial."""
     seen: set[str] = set()
     for line, trial in enumerate(trials, start=2):
         if trial in seen:
@@ -279,7 +279,7 @@ def _levels(path: Path, name: str, texts: list[str], levels: tuple[str, ...]) ->
 
 
 def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
-    """A column of numbers; a cell that is empty, or missing as pandas or R writes it, is NaN."""
+    """A column of numbers; NaN for an empty cell and for the missing values of pandas and R."""
     values = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
         if text.strip().lower() in ("", "nan", "na", "n/a"):
@@ -294,21 +294,21 @@ def _numbers(path: Path, name: str, texts: list[str]) -> Floats:
 
 
 MOST_EXACT: Final = 16
-"""Most drivers for whom all patterns are counted."""
+"""Largest number of drivers for which all patterns are counted."""
 ALL_PATTERNS: Final = 2 ** (MOST_EXACT - 1)
 PATTERNS: Final = 20_000
-"""Patterns of an analysis with more drivers, including the observed one: a p of 0.05 is known to 0.003."""
+"""Number of patterns with more drivers, including the observed pattern: a p of 0.05 is known to 0.003."""
 MOST_CELLS: Final = 20_000_000
-"""Most signs of a table of patterns (160 MB): with very many drivers there are fewer patterns, but at least 1000."""
+"""Largest number of signs in a table of patterns (160 MB): very many drivers have fewer patterns, at least 1000."""
 ROUNDING: Final = 1e-10
-"""Share of the mean magnitude below which a difference of means counts as none."""
+"""Share of the mean magnitude below which a difference of means counts as zero."""
 
 
 def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERNS) -> Floats:
-    """Patterns of signs (patterns, drivers), the pattern without a flip first.
+    """Patterns of signs (patterns, drivers); the pattern without flips is first.
 
-    They are all patterns if these are no more than `patterns`, else as many drawn at random, but at most `PATTERNS`. A
-    pattern stands for its mirror image too, so that the first driver is never flipped.
+    All patterns are returned if there are at most `patterns`, else that number drawn at random, but at most `PATTERNS`.
+    A pattern represents its mirror image too, so that the first driver is never flipped.
     """
     if 2 ** (drivers - 1) <= patterns:
         flipped = np.arange(2 ** (drivers - 1))[:, None] >> np.arange(drivers - 1, -1, -1) & 1 == 1
@@ -321,7 +321,7 @@ def signs_of(drivers: int, rng: np.random.Generator, patterns: int = ALL_PATTERN
 
 
 def probabilities(differences: Floats, signs: Floats) -> Floats:
-    """Two-sided p of each study (studies, drivers): how probable a mean this far from 0 is without a difference."""
+    """Two-sided p of each study (studies, drivers): the probability of a mean at least this far from 0 by chance."""
     found = np.abs(differences.sum(axis=1, keepdims=True)) - ROUNDING * np.abs(differences).sum(axis=1, keepdims=True)
     return np.asarray((np.abs(differences @ signs.T) >= found).mean(axis=1))
 
@@ -329,7 +329,7 @@ def probabilities(differences: Floats, signs: Floats) -> Floats:
 def interval(differences: Floats, signs: Floats, confidence: float) -> tuple[float, float]:
     """The mean differences that the test does not reject at the level 1 − `confidence`; infinite for too few drivers.
 
-    `differences` has one for each driver, (drivers,).
+    `differences` has a value for each driver, (drivers,).
     """
     flipped = signs[1:] < 0
     counts, total = flipped.sum(axis=1), float(differences.sum())
@@ -342,14 +342,14 @@ def interval(differences: Floats, signs: Floats, confidence: float) -> tuple[flo
 
 CONFIDENCE: Final = 0.95
 FLIPS, SOME_FLIPS, WELCH = "exact sign flips", "sign flips drawn at random", "Welch's t"
-"""The methods that decide about significance."""
+"""The names of the methods that decide on significance."""
 NO_RANGE: Final = (math.nan, math.nan)
 LEAST_IN_GROUP: Final = 3
-"""Fewest participants whose mean has an interval by Student's t, and fewest of a group."""
+"""Smallest number of participants for an interval of their mean by Student's t, and for a group."""
 
 
 class _Cell(NamedTuple):
-    """The properties that make two trials a pair: the participant, the day, and the levels of other factors."""
+    """The properties that the trials of a pair share: participant, day, and levels of other factors."""
 
     participant: str
     day: str
@@ -360,9 +360,9 @@ class _Cell(NamedTuple):
 class PairedTrials:
     """The pairs of a comparison between conditions that every participant drove.
 
-    Each array has an entry for each pair: `owner` is the index of its participant in `participants`, `a` and `b` are
-    the values (means where a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
-    `same_day` is False if no two trials had a day in common, so that pairs were made by participant alone.
+    Each array has an entry for each pair: `owner` is the participant's index in `participants`, `a` and `b` are
+    the values (means if a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
+    `same_day` is False if no two trials had the same day, so that pairs were made by participant alone.
     """
 
     participants: tuple[str, ...]
@@ -374,7 +374,7 @@ class PairedTrials:
 
     @property
     def differences(self) -> Floats:
-        """Value at level a minus value at level b of each pair, (pairs,)."""
+        """The value at level a minus the value at level b of each pair, (pairs,)."""
         return self.a - self.b
 
     @property
@@ -407,13 +407,13 @@ ComparedTrials = PairedTrials | TwoGroups
 
 
 def compared_trials(study: RunStudy, comparison: PlannedComparison) -> ComparedTrials:
-    """The pairs of a comparison, or its two groups if each participant drove one of its conditions."""
+    """The pairs of a comparison, or the two groups if each participant drove one condition."""
     within = study.design.factor(comparison.factor).within
     return paired_trials(study, comparison) if within else two_groups(study, comparison)
 
 
 def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrials:
-    """The pairs of a comparison; DasError if no participant drove both of its conditions."""
+    """The pairs of a comparison; raises DasError if no participant drove both conditions."""
     same_day = _paired(study, comparison, with_day=True)
     found = same_day if len(same_day.owner) else _paired(study, comparison, with_day=False)
     if not len(found.owner):
@@ -465,8 +465,8 @@ def two_groups(study: RunStudy, comparison: PlannedComparison) -> TwoGroups:
 class DifferenceEstimate:
     """A mean difference between two conditions, in the unit of its measure.
 
-    `interval` (95 %) and `probability` are those of `method`, which decides. `t_interval` is Student's (Welch's for two
-    groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups).
+    `interval` (95 %) and `probability` are by `method`, which decides; `t_interval` is by Student's t (Welch's t for
+    two groups). `size` is the mean in standard deviations between participants (d_z for pairs, d for two groups).
     """
 
     mean: float
@@ -480,7 +480,7 @@ class DifferenceEstimate:
 
     @property
     def known(self) -> bool:
-        """Whether the difference has an interval; without any spread, or with too few participants, there is none."""
+        """Whether the difference has an interval; False without any spread, or with too few participants."""
         return math.isfinite(self.interval[0])
 
 
@@ -549,8 +549,8 @@ def _without_spread(values: Floats) -> bool:
 def corrected(probabilities: Floats, correction: str) -> Floats:
     """Probabilities corrected for the number of planned comparisons; NaN stays NaN, but counts as a comparison.
 
-    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: each times the number of
-    comparisons. `none`: as they are.
+    `holm`: Holm, Scandinavian Journal of Statistics 6 (1979) 65–70. `bonferroni`: multiplied by the number of
+    comparisons. `none`: unchanged.
     """
     if correction == "none" or not len(probabilities):
         return probabilities
@@ -565,7 +565,7 @@ def corrected(probabilities: Floats, correction: str) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundDifference:
-    """The findings on a planned comparison; `corrected` is its p, corrected for the number of comparisons."""
+    """The findings on a planned comparison; `corrected` is p corrected for the number of comparisons."""
 
     comparison: PlannedComparison
     shown: ShownMeasure
@@ -591,7 +591,7 @@ class FoundDifference:
 
     @property
     def disagrees(self) -> bool:
-        """Whether Student's t disagrees with sign flips, which decide: only one of their intervals holds 0."""
+        """Whether Student's t disagrees with sign flips, which decide: only one of the intervals contains 0."""
         estimate = self.estimate
         return estimate.known and _holds_0(estimate.interval) != _holds_0(estimate.t_interval)
 
@@ -612,7 +612,7 @@ class ConditionValues:
 
 @dataclass(frozen=True, kw_only=True)
 class StudyFindings:
-    """The findings of the analysis of a study; `failed` has the reason for each comparison that could not be made."""
+    """The findings of the analysis of a study; `failed` has each comparison that could not be made, with the reason."""
 
     study: RunStudy
     measures: tuple[ShownMeasure, ...]
@@ -628,7 +628,7 @@ class StudyFindings:
 def analyse_study(study: RunStudy) -> StudyFindings:
     """Analyse every planned comparison of a study and describe every condition.
 
-    The same study always gives the same figures: the study's seed decides what is drawn.
+    The same study always gives the same figures: random numbers are drawn with the study's seed.
     """
     measures = tuple(study.shown(name) for name in study.design.measures)
     found, failed = [], []
@@ -652,12 +652,12 @@ def analyse_study(study: RunStudy) -> StudyFindings:
 
 
 def generator(study: RunStudy, what: str) -> np.random.Generator:
-    """The random numbers of one part of the analysis; they do not depend on other parts."""
+    """The random-number generator for one part of the analysis, independent of other parts."""
     return np.random.default_rng([study.design.seed % 2**32, zlib.crc32(what.encode())])
 
 
 def difference_of(study: RunStudy, comparison: PlannedComparison, trials: ComparedTrials) -> FoundDifference:
-    """The finding on a comparison from its pairs or groups; its p is not corrected yet."""
+    """The finding on a comparison from its pairs or groups; p is not corrected yet."""
     return FoundDifference(
         comparison=comparison, shown=study.shown(comparison.measure), trials=trials, corrected=math.nan,
         estimate=estimate_of(trials, generator(study, comparison.name)),
@@ -678,7 +678,7 @@ def _conditions(study: RunStudy) -> list[ConditionValues]:
 
 
 def conditions_of(study: RunStudy) -> list[tuple[str, Bools]]:
-    """The combinations of levels that were driven, each with its trials without practice."""
+    """The combinations of levels that were driven, each with the mask of its trials without practice."""
     trials, factors = study.trials, study.design.factors
     ranks = np.array([[one.texts.index(str(level)) for level in trials.levels[one.name]] for one in factors])
     found = []

@@ -1,4 +1,4 @@
-"""The findings of a study: in sentences, as a page with forest plots, and for programs.
+"""The findings of a study: as sentences, as a page with forest plots, and for programs.
 
 The pictures are dark on white, with units, in colours that are distinguishable with any colour vision.
 """
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 SIGNALS: Final = "signals_passed"
 CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni"}
 MOST_FAILED: Final = 3
-"""Largest number of failed trials that the page names; failed.csv has all."""
+"""Largest number of failed trials listed on the page; failed.csv has all."""
 MOST_MISSING: Final = 6
-"""Largest number of drivers whose missing trials are named in a sentence; the page's table has all."""
+"""Largest number of drivers whose missing trials are listed in a sentence; the page's table has all."""
 TEMPLATE: Final = "page.html.j2"
 COLUMNS_AT_ONCE: Final = 5
 """Number of measures in a table of the conditions."""
@@ -51,7 +51,7 @@ BLUE: Final = SEVERAL[0]
 FAINT: Final = "#9aa0a6"
 ROW_IN: Final = 0.5
 SCATTER: Final = 0.16
-"""Largest distance (rows) of drivers' points from their row, so that equal values do not hide each other."""
+"""Largest distance (rows) of drivers' points from the row's centre, so that equal values do not hide each other."""
 
 
 def hangs_on(found: StudyFindings) -> list[str]:
@@ -92,7 +92,7 @@ def _drove(study: RunStudy) -> list[str]:
 
 
 def _missing(study: RunStudy) -> list[str]:
-    """The planned trials that are missing, a text for each driver."""
+    """A text for each driver with missing planned trials."""
     by_driver, planned = defaultdict(list), Counter[str]()
     for (name, _), count in study.planned.items():
         planned[name] += count
@@ -107,7 +107,7 @@ def _missing(study: RunStudy) -> list[str]:
 
 
 def in_short(found: StudyFindings) -> list[tuple[str, str]]:
-    """Each planned comparison by its name, with the finding in a sentence or two."""
+    """The name of each planned comparison, with the finding in a sentence or two."""
     if not found.differences and not found.failed:
         return [("", "No comparison was planned; the tables describe the conditions.")]
     broken = [(name, f"The comparison could not be made: {why}.") for name, why in found.failed]
@@ -116,7 +116,7 @@ def in_short(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 def _safety(found: StudyFindings) -> list[tuple[str, str]]:
-    """A sentence on signals that were passed at danger, even if no comparison was planned on them."""
+    """A sentence on signals passed at danger, if any, even if no planned comparison is about this."""
     trials = found.study.trials
     if SIGNALS not in trials.values:
         return []
@@ -181,7 +181,7 @@ def _reach(shown: ShownMeasure, interval: tuple[float, float]) -> str:
 
 
 def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
-    """The number of trials driven, and which ones are missing or failed."""
+    """The number of trials driven, and the missing and failed trials."""
     trials, design = found.study.trials, found.study.design
     driven, failed, missing = ~trials.practice, found.study.failed, found.study.missing.total()
     counts = Counter(trials.participant[driven].tolist())
@@ -232,7 +232,7 @@ def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
 
 
 class GroupRow(NamedTuple):
-    """The difference between two groups of drivers as texts: `means` has those of both, with 95 % intervals.
+    """The difference between two groups of drivers as texts: `means` has the means of both groups, with 95 % intervals.
 
     `inside` counts the drivers of the second group within the range of the first; the number in brackets is expected
     if both are alike.
@@ -249,7 +249,7 @@ class GroupRow(NamedTuple):
 
 
 def group_row(one: FoundDifference) -> GroupRow:
-    """The texts of a difference between two groups, in a measure or in the effect of a condition on it."""
+    """The texts of a difference between two groups, in a measure or in a condition's effect on a measure."""
     shown, estimate, compared, groups = one.shown, one.estimate, one.comparison, one.groups
     assert groups is not None
     effect = compared.factor != DRIVER
@@ -283,7 +283,7 @@ def group_words(one: FoundDifference, levels: Sequence[str]) -> str:
 
 
 def page(found: StudyFindings, together: Together | None = None) -> str:
-    """The page as HTML that needs no other file; of two studies with a section that compares their drivers."""
+    """The page as HTML that needs no other file; with `together`, a section compares the drivers of two studies."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     style = Path(sim.review.report.__path__[0])  # all pages share their style
@@ -313,11 +313,11 @@ def page(found: StudyFindings, together: Together | None = None) -> str:
         together=together,
         group_row=group_row,
     )
-    return content.replace(" %", "\u00a0%")  # no line ends between a number and its percent sign
+    return content.replace(" %", "\u00a0%")  # no line break between a number and its percent sign
 
 
 def _size(value: float) -> str:
-    """An effect in standard deviations with its sign; empty if it is not known."""
+    """An effect in standard deviations with its sign; empty for NaN."""
     return "" if math.isnan(value) else f"{value:+.2f}".replace("-", "−")
 
 
@@ -378,7 +378,7 @@ def _together_dict(together: Together, alpha: float) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A value for JSON: None for numbers and ranges that are not known."""
+    """A value for JSON: None for unknown numbers and ranges."""
     if isinstance(value, dict):
         return {name: _plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -458,6 +458,6 @@ def _label(comparison: PlannedComparison) -> str:
 
 
 def _beside(count: int) -> Floats:
-    """The distances (rows) of `count` points from their row: on alternate sides, always by the same steps."""
+    """The distances (rows) of `count` points from the row's centre: on alternate sides, in equal steps."""
     steps = np.array([0.0, 0.5, -0.5, 1.0, -1.0])
     return np.asarray(SCATTER * steps[np.arange(count) % len(steps)])

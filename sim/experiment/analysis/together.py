@@ -1,4 +1,4 @@
-"""Two studies of one design analysed together: people beside simulated drivers, or two populations.
+"""Two studies of one design analysed together: people and simulated drivers, or two populations.
 
 The drivers of both become one study with a factor `driver` between participants; `comparing` compares its two levels.
 """
@@ -33,18 +33,18 @@ from sim.experiment.design import DESIGN_JSON, Factor, PlannedComparison
 from sim.experiment.factors import FactorLevel
 
 DRIVER: Final = "driver"
-"""The factor that tells the two studies apart."""
+"""The factor that distinguishes the two studies."""
 EQUAL: Final = ("experiment.seed", "procedure", "fixed", "factors", "analysis", "comparisons", "files")
 """Beginnings of the keys that must be equal in both frozen designs."""
 MAY_DIFFER: Final = ("fixed.driver", "files.population", "files.desk")
-"""Beginnings of the keys among them that may differ all the same."""
+"""Beginnings of keys that may differ nevertheless."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Together:
     """The findings on two studies together, and the differences between their drivers, by the titles of tables.
 
-    `without` has the measures that have no values in one of the studies.
+    `without` lists the measures without values in one of the studies.
     """
 
     findings: StudyFindings
@@ -54,13 +54,13 @@ class Together:
 
 
 def read_both(first: Path, second: Path) -> RunStudy:
-    """Read two studies of one design, apart from participants, driver and desk; InputError for the first other key."""
+    """Read two studies of one design; InputError for the first different key except participants, driver, desk."""
     if first.resolve() == second.resolve():
         raise DasError(f"--with {second}: is {first} itself, expected another study of the same design")
     studies = read_study(first), read_study(second)
     ours, theirs = (dict(_flat(read_json(folder / DESIGN_JSON).data)) for folder in (first, second))
     for key in dict.fromkeys([*ours, *theirs]):
-        of_one = key.startswith("files.") and not (key in ours and key in theirs)  # then a setting differs as well
+        of_one = key.startswith("files.") and not (key in ours and key in theirs)  # a setting differs as well then
         if not key.startswith(EQUAL) or key.startswith(MAY_DIFFER) or of_one:
             continue
         if ours.get(key, MISSING) != theirs.get(key, MISSING):
@@ -70,7 +70,7 @@ def read_both(first: Path, second: Path) -> RunStudy:
 
 
 def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The values of a design by their whole keys."""
+    """The values of a design by their full keys."""
     for key, value in data.items():
         tables = isinstance(value, list) and any(isinstance(one, dict) for one in value)
         inner = {str(i): one for i, one in enumerate(value)} if tables else value
@@ -78,7 +78,7 @@ def _flat(data: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def joined(one: RunStudy, other: RunStudy) -> RunStudy:
-    """Two studies of one design as one, with the factor `driver`; InputError if the design has that factor already."""
+    """Two studies of one design as one, with the factor `driver`; InputError if the design already has that factor."""
     design = one.design
     if DRIVER in (factor.name for factor in design.factors):
         raise InputError(one.folder / DESIGN_JSON, "factors", DRIVER, "a design without the factor driver")
@@ -111,7 +111,7 @@ def joined(one: RunStudy, other: RunStudy) -> RunStudy:
 
 
 def _levels(one: RunStudy, other: RunStudy) -> tuple[str, str]:
-    """People and simulated, if one of the studies is of people; else the names of designs, folders or paths."""
+    """The levels people and simulated if people drove one study; else the names of designs, folders or paths."""
     if one.with_people != other.with_people:
         return ("people", "simulated") if one.with_people else ("simulated", "people")
     pairs = [(study.design.name, study.folder.resolve().name, str(study.folder)) for study in (one, other)]

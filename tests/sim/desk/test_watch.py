@@ -230,11 +230,11 @@ def test_no_message_ends_the_page(figure: float, time_ns: int, simulated: bool) 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--watch", "--watch: needs --route and --vehicle, as the node has them"),
+        ("--watch", "--watch: needs --route and --vehicle, as given to the node"),
         ("--watch --route nowhere --vehicle re460-ic", "nowhere: not a bundled route"),
         ("--watch --route flat-6km --vehicle re460-ic --train a/b", "train name 'a/b': expected"),
         ("--watch --route flat-6km --vehicle re460-ic --connect tcp/0.0.0.0:1", "the bus stays on this machine"),
-        ("--watch --route flat-6km --vehicle re460-ic --advice four-mode", "--advice four-mode: a node sends guide"),
+        ("--watch --route flat-6km --vehicle re460-ic --advice four-mode", "--advice four-mode: expected guide or"),
         ("--watch --notches 5", "--notches 5: --watch shows a train on the bus; nothing is driven"),
         ("--watch run.mcap", "run.mcap: --watch shows a train on the bus: expected neither a scenario nor a recording"),
         ("clear-day --connect tcp/127.0.0.1:1", "--connect tcp/127.0.0.1:1: only --watch uses it"),

@@ -239,7 +239,7 @@ def test_the_commands_list_events_and_keep_notes_beside_the_recording(tmp_path: 
     assert "smooth start" in said(*shown, "--kind", "note")
     assert "withdrawal" not in said(*shown, "--kind", "note")
     assert "withdrawal" in said(*shown, "--from", "3:00")
-    assert "no such events" in said(*shown, "--kind", "target")
+    assert "matches the filter" in said(*shown, "--kind", "target")
     assert path.read_bytes() == content
 
 

@@ -170,7 +170,7 @@ def test_trains_that_cannot_be_used_are_refused(text: str, expected: str) -> Non
 
 def test_one_train_and_several_are_two_questions(tmp_path: Path) -> None:
     for said in ({"vehicle": "re460-ic"}, {"loss_map": tmp_path / "map.csv"}):
-        with pytest.raises(DasError, match=r"expected either --.* or --vehicles, which finds the train"):
+        with pytest.raises(DasError, match=r"--vehicles identifies the train: expected no --.* with it"):
             trip_command(tmp_path / "x.csv", TripOptions(route="flat-6km", **said), vehicles="all")  # type: ignore[arg-type]
 
 
