@@ -55,9 +55,9 @@ GROWTH: Final = 1.3
 Floats = NDArray[np.float64]
 
 FORCE_SLACK_N: Final = 0.01
-"""Largest excess (N) of runs that keep the limits of their forces."""
+"""Largest excess (N) over a limit of force that counts as keeping the limit."""
 SLACK_RATIO: Final = 1e-8
-"""Largest excess, as a ratio, of runs that keep all limits."""
+"""Largest relative excess over any other limit that counts as keeping the limit."""
 SLOWEST_TAU: Final = 1e6
 """Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
