@@ -124,7 +124,7 @@ def rows_of(job_list: Sequence[TrialJob], finished: Rows, columns: Sequence[str]
 
 
 def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) -> bytes:
-    """The rows as CSV: figures with seven digits, an empty cell where there is none."""
+    """The rows as CSV: figures with seven digits, an empty cell for a missing one."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()

@@ -75,7 +75,7 @@ def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
     """The solution with a bound that is searched for during about `tight_s` seconds more.
 
     This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution, and one whose
-    bound is good enough, stays as it is.
+    bound is good enough, is returned unchanged.
     """
     loss, known, energy_j = solution.section.loss, solution.certificate, solution.balance.input
     hopeless = known.reason not in ("", NOT_FOUND) or energy_j - known.bound_j <= ENOUGH_GAP_RATIO * abs(energy_j)
