@@ -245,7 +245,7 @@ def test_a_part_may_begin_before_its_geometry_and_end_where_the_line_began(tmp_p
         ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: map distance to the next point"),
         ("position_km,limit_kmh\n,80\n", "line 2 position is missing: expected a position"),
         ("position_km,limit_kmh\n0,80\n2.5e-12,90\n", "length of the line = '2.5e-09 m': expected 1 m or more"),
-        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "latitude and longitude, and there are two places or more"),
+        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "and at least two different places"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
