@@ -87,7 +87,7 @@ COST: Final = "driving cost"
 MODE_LANES: Final = ("advised", "shown")
 """The names of the lanes of the modes that the node advised, and of those that the display showed."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
-"""The modes of a standing train; a display without driving modes may show these two."""
+"""The modes of a standing train; a display without driving modes may show both."""
 
 
 class Change(NamedTuple):
