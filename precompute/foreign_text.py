@@ -39,8 +39,8 @@ class CsvTable(NamedTuple):
 def read_csv(path: Path, most_bytes: int, expected: str) -> CsvTable:
     """Read a CSV file; empty lines and those that begin with # are left out.
 
-    Semicolons or tabs separate cells if the first line has them, else commas. Raises DasError for an unusable file; for
-    an empty one with the text `expected`.
+    Semicolons or tabs separate cells if the first line has them, else commas. Raises DasError for an unusable file; the
+    message for an empty file states what is `expected`.
     """
     lines = [
         (number, line)

@@ -56,7 +56,7 @@ def parsed_day(text: str) -> datetime.date:
 class TripChoice:
     """The choice of a trip: by id, or by two stops and the earliest departure (s after midnight); `day` must be served.
 
-    With an id, the two stops cut the trip, and a trip that does not run at that time or on that day is rejected.
+    With an id, the two stops select a part of the trip; a trip that does not run at that time or day is rejected.
     """
 
     trip: Annotated[str | None, typer.Option(metavar="ID", help="The trip_id, or a number that only one trip has.")] = (
@@ -124,7 +124,7 @@ class FeedTables:
             place = PurePosixPath(member.filename.replace("\\", "/"))
             if place.suffix == ".txt" and "__MACOSX" not in place.parts:
                 kept = self.members.get(place.name)
-                # A feed may be in a folder of its zip; if a table is there twice, the one nearer to the root counts.
+                # A feed may be in a folder of the zip; of two tables with one name, the one nearer to the root counts.
                 if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
                     self.members[place.name] = member
         if "stop_times.txt" not in self.members:
@@ -331,7 +331,7 @@ class _Feed(FeedTables):
             known = [row["trip_id"] for _, (_, row) in zip(range(MOST_NAMED), every, strict=False)]
             raise InputError(self.path, "--trip", wanted.trip, f"a trip_id of trips.txt, like {', '.join(known)} …")
         ids = ", ".join(row["trip_id"] for row in served[:MOST_NAMED])
-        expected = f"one trip; {len(served)} have this number: {ids}; or --date"
+        expected = f"a trip_id or --date, because {len(served)} trips have this number: {ids}"
         raise InputError(self.path, "--trip", wanted.trip, expected)
 
     def _by_stops(self, wanted: TripChoice, stops: _Stops) -> tuple[Row, tuple[str, ...]]:
@@ -424,11 +424,11 @@ class _Feed(FeedTables):
         *,
         at_intervals: bool = True,
     ) -> _Run | None:
-        """The first run of a trip that leaves a stop at the wanted time or later, on the wanted day; None without one.
+        """The first run of a trip that leaves a stop on the wanted day, at the wanted time or later; None if none does.
 
         `departs_s` are the departures from the first stop and from this one in stop_times.txt. A train after midnight
-        belongs to a service day before: `days` are the services of the day, of the day before it, and so on. Without
-        a wanted time it is the first run of the service day.
+        belongs to an earlier service day: `days` are the services of the day, of the day before it, and so on. Without
+        a wanted time, the first run of the service day is returned.
         """
         first_s, here_s = departs_s
         ways_s = [(here_s, math.inf, math.inf)]
@@ -468,7 +468,7 @@ class _Feed(FeedTables):
             step_s = whole_number(row["headway_secs"])
             if not step_s or math.isnan(begin_s + end_s):
                 key = f"line {number} headway_secs"
-                raise InputError(f"{self.path}: frequencies.txt", key, row["headway_secs"], "seconds, and both times")
+                raise InputError(f"{self.path}: frequencies.txt", key, row["headway_secs"], "seconds > 0, both times")
             if begin_s < end_s:
                 found.append((begin_s, end_s, float(step_s)))
         return found
@@ -498,7 +498,7 @@ class _Feed(FeedTables):
         return [self._services(None if day is None else day - one) for one in earlier]
 
     def _services(self, day: datetime.date | None) -> set[str] | None:
-        """The services that run on a day, by calendar and exceptions; None without a day."""
+        """The services that run on a day, by calendar and exceptions; None if no day is given."""
         if day is None:
             return None
         text, weekday = f"{day:%Y%m%d}", WEEKDAYS[day.weekday()]

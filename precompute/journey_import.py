@@ -64,7 +64,7 @@ ROUNDED_S = 59.0
 
 
 class Placed(NamedTuple):
-    """A stop of a trip at its position (m); `route_stop` is the name of the route's stop there, empty without one."""
+    """A stop of a trip at its position (m); `route_stop` is the name of the route's stop there, or empty."""
 
     stop: TripStop
     position_m: float
@@ -102,7 +102,7 @@ def _along_feed(trip: FeedTrip) -> Placement:
     nowhere = np.flatnonzero(np.isnan(places).any(axis=1))
     if len(nowhere):
         name = trip.stops[nowhere[0]].name
-        raise DasError(f"{trip.feed}: {name} has no coordinates in stops.txt: expected some, or --route")
+        raise DasError(f"{trip.feed}: {name} has no coordinates in stops.txt: expected coordinates, or --route")
     shape = along_m(*trip.shape_deg.T), *trip.shape_deg.T
     found = projected_in_order(shape, places, OFF_SHAPE_M) if len(trip.shape_deg) else None
     if found is not None and found.off_m.max() <= OFF_SHAPE_M and (np.diff(found.position_m) > 0).all():

@@ -1,4 +1,4 @@
-"""Compilation of kernels that a solved section needs, on a tiny one (`python -m precompute.late_kernels`).
+"""Compiles the kernels that a solved section needs, on a tiny section (`python -m precompute.late_kernels`).
 
 A command that compiles the solver starts this module in a second process. It compiles the kernels in the order in which
 the command needs them, except those that share most of their code with the command's own kernels: the sweep, and the
@@ -22,7 +22,7 @@ from das.solver.tolerances import INFEASIBLE
 from das.solver.warm_up import tiny_route
 
 TRAIN = "re460-ic"
-"""A bundled train with a loss map, which its bound needs."""
+"""A bundled train with a loss map, so that the kernels of the bound for loss maps are compiled, too."""
 PRICE_W = 1e5
 """Price of time (W); any value is suitable."""
 SLOWER_RATIO = 1.2

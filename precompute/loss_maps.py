@@ -44,7 +44,7 @@ def map_of(name: str, vehicle: str | None) -> tuple[LossMap, Vehicle]:
     if Path(name).suffix.lower() == ".csv":
         return read_loss_map(Path(name)), load_vehicle(CSV_VEHICLE if vehicle is None else vehicle)
     if vehicle is not None:
-        raise DasError(f"--vehicle {vehicle}: belongs to a CSV map, {name} is a train itself")
+        raise DasError(f"--vehicle {vehicle}: applies to a CSV map only, and {name} is a vehicle")
     train = load_vehicle(name)
     model = train.loss_model(Level.L3)
     if not isinstance(model, LossMap):
@@ -171,7 +171,7 @@ _LOWEST_SHOWN_EFFICIENCY = 0.70
 _LEVELS = 17
 _BAND_KW = 50.0
 _MOST_BANDS = 60
-"""Largest number of 50 kW bands in a picture of losses; with more, or fewer than 4, it has `_LEVELS` bands."""
+"""Largest number of 50 kW bands in a picture of losses; instead of more, or of fewer than 4, it has `_LEVELS` bands."""
 
 
 def draw_efficiency_map(axes: Any, loss_map: LossMap, vehicle: Vehicle) -> Any:

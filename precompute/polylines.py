@@ -27,8 +27,8 @@ class Projection(NamedTuple):
 def projected_in_order(line: tuple[Floats, Floats, Floats], places_deg: Floats, near_m: float) -> Projection:
     """Places (n, 2; deg) projected on a polyline in rising order, because a line may pass a place twice.
 
-    `line` is that of `nearest_on_line`. A place farther from it than `near_m` does not affect the others. A place that
-    is NaN gets the position NaN and the distance inf.
+    `line` is that of `nearest_on_line`. A place farther from the line than `near_m` does not affect the others. A place
+    that is NaN gets the position NaN and the distance inf.
     """
     position_m, off_m = np.full(len(places_deg), np.nan), np.full(len(places_deg), np.inf)
     at_m, latitude, longitude = line

@@ -45,8 +45,8 @@ SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)
 class SheetLine:
     """An instruction: the action from a place (m) on, the speed (m/s) to reach or to hold, and the planned time.
 
-    `after_s` counts from the departure. A coast has the speed at which it ends. `effort_ratio` is the share of the
-    largest effort of traction; 0 without traction.
+    `after_s` counts from the departure. For a coast, the speed is the one at its end. `effort_ratio` is the share of
+    the largest effort of traction; 0 without traction.
     """
 
     kind: InstructionKind
@@ -133,7 +133,7 @@ def _lines(schedule: Schedule, forecast: Prospect) -> tuple[SheetLine, ...]:
 
 HALF_MINUTE_S = 30.0
 HELD_MPS, HELD_S = 1.0, 10.0
-"""Smallest difference (m/s) between a speed and the one reached before, and least time (s) of a held speed."""
+"""Difference (m/s) below which two speeds count as equal, and time (s) above which a speed reached is held."""
 NEAR_M, AT_M = 1500.0, 60.0
 """Distances (m) from a board or tunnel: within `NEAR_M` a place is named by it; within `AT_M` it is "at" it."""
 STRIP, LABEL = (600.0, 84.0), 15.0
@@ -215,9 +215,9 @@ def span_words(time_s: float) -> str:
 
 
 class SaidLine(NamedTuple):
-    """A line as printed, and the place from which its speed is held (m; None: it is not), which needs no line.
+    """A line as printed, and the place (m) from which its speed is held without another line; None if it is not held.
 
-    `end_m` is the place where the next line begins, `begin_mps` the speed at the beginning of this one.
+    `end_m` is the place where the next line begins, `begin_mps` the speed at the beginning of `line`.
     """
 
     line: SheetLine
@@ -362,11 +362,7 @@ def _row(css: str, s_m: float, cells: tuple[str, str, str, str, str]) -> str:
 
 
 def boards_words(sheet: SectionSheet, from_m: float) -> str:
-    """The speed boards that must be observed while braking for the stop, as HTML in small type: "(100 at 28.1, 80 at
-    28.5)".
-
-    Empty without one.
-    """
+    """The speed boards to observe while braking for the stop, in small HTML type: "(100 at 28.1)"; empty if none."""
     limits, end_m = sheet.section.route.limits_mps, float(sheet.s_m[-1])
     falls = np.flatnonzero(np.diff(limits.value) < 0) + 1
     places = [(float(limits.start_m[i]), kmh(limits.value[i])) for i in falls if from_m < limits.start_m[i] < end_m]

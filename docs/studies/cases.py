@@ -151,8 +151,8 @@ ENERGY_SHARES_PERCENT: Final = {
 """Shares of the energy net of regeneration: 49 measured Intercity runs Zürich–Luzern (60 km, 2 intermediate stops)."""
 
 ENERGY_MARGIN_RATIO = 2e-5
-"""Largest difference from the least energy (relative to the fastest run's at L3) of an energy that counts as the least:
-slower runs save nothing."""
+"""Largest difference from the least energy (relative to the fastest run's at L3) at which an energy counts as the
+least: slower runs save nothing."""
 START_WAY_M = 100.0
 """Distance from a start or to a stop on which a run may be slower than 20 km/h."""
 TIE_RATIO = 1e-4

@@ -126,7 +126,7 @@ def variations(plan: Conditions, vehicle: Vehicle, texts: Sequence[str] = ()) ->
 
 
 OFF_PLAN_MPS = 1.0 * KMH
-"""Largest difference (m/s) from the planned speed of a speed on the plan."""
+"""Largest difference (m/s) from the planned speed at which the train counts as on the plan."""
 REPLANNED_TOLERANCE_S = 2e-3
 """Tolerance (s) of a new plan's trip time; a second changes the energy more than some variations do."""
 LEAST_ENERGY_J = 1.0
@@ -353,7 +353,7 @@ def main(args: Sequence[str] | None = None) -> None:
     for outcome in (one for pair in by_effect(outcomes) for one in pair):
         table.add_row(outcome.variation.label, *(_cell(outcome, *what) for what in COLUMNS.values()))
     print_table(table, LEGEND)
-    print(f"plan: {plan.time_s:.1f} s, {kwh(plan.balance.input):.2f} kWh; % of energy are of these")
+    print(f"plan: {plan.time_s:.1f} s, {kwh(plan.balance.input):.2f} kWh; % of energy refer to this plan")
     for outcome in outcomes:
         if outcome.trouble is not None:
             print(f"{outcome.variation.label}: {outcome.trouble}")

@@ -1,7 +1,7 @@
 """The driver data set of release 0.2: simulated drives, the only source of all tables about drivers.
 
 `python -m docs.studies.driver_days` simulates the missing drives and writes docs/results/0.2/driver_days.csv, one row
-for each drive, with the facts on its page (242 drives, about ten minutes on two free cores). With `--persons` it writes
+for each drive, and the title of its page (242 drives, about ten minutes on two free cores). With `--persons` it writes
 populations.csv, 30 persons of the default population in one scenario (a minute). Finished drives are stored in
 build/driver-days: a stopped command continues from there, and only drives of another version of the program are
 repeated. `python -m docs.studies.driver_tables` makes the tables.
@@ -62,7 +62,7 @@ PERSON_COLUMNS: Final = ("participant", "late_s", "energy_kwh", "energy_optimum_
 
 
 def parts(seeds: Sequence[int] = SEEDS) -> Iterator[DaysAsked]:
-    """The four parts: every presentation; the guide with motors first; the example drivers; the perfect driver."""
+    """The four parts: every presentation; none and guide, motors first; the example drivers; the perfect driver."""
     human, motors, clear = (DriverKind.HUMAN,), FrictionPolicy.ELECTRIC_FIRST, SCENARIOS[:1]
     yield DaysAsked(scenarios=SCENARIOS, drivers=human, advice=tuple(Presentation), seeds=seeds)
     yield DaysAsked(scenarios=SCENARIOS, drivers=human, advice=COMPARED, seeds=seeds, friction=motors)
@@ -78,7 +78,7 @@ def jobs(asked: DaysAsked) -> list[TrialJob]:
 
 
 def person_jobs(numbers: Sequence[int] = PERSON_NUMBERS) -> list[TrialJob]:
-    """The drives of persons of the default population in one run of clear-day, without advice."""
+    """One drive of clear-day without advice for each person of the default population."""
     return jobs(
         DaysAsked(
             scenarios=SCENARIOS[:1], drivers=(DriverKind.HUMAN,), advice=(Presentation.NONE,), seeds=SEEDS[:1],
@@ -107,7 +107,7 @@ def driven_row(job: TrialJob, measures: Mapping[str, Any]) -> dict[str, Any]:
         **row_of(job),
         **measures,
         "over_limit_kmh": kmh(measures["over_limit_mps"]),
-        "not_comparable": None if comparable else "it takes less than the optimum, or has none",
+        "not_comparable": None if comparable else "not possible for the train, or no optimum",
     }
 
 
@@ -124,7 +124,7 @@ def rows_of(job_list: Sequence[TrialJob], finished: Rows, columns: Sequence[str]
 
 
 def csv_bytes(rows: Sequence[dict[str, Any]], columns: Sequence[str] = COLUMNS) -> bytes:
-    """The rows as CSV: figures with seven digits, an empty cell where there is none."""
+    """The rows as CSV: figures with seven digits, an empty cell for a missing one."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
@@ -143,14 +143,14 @@ def facts(rows: Sequence[dict[str, Any]], of: int) -> Iterator[str]:
     )
     if len(rows) < of:
         yield ""
-        yield f"The command was stopped when {len(rows)} of {of} drives were finished: some means are of fewer days."
+        yield f"The command was stopped when {len(rows)} of {of} drives were finished: some means are of fewer drives."
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Simulate the missing drives, and write the table and its facts."""
     parser = argparse.ArgumentParser(prog="python -m docs.studies.driver_days", description=__doc__)
     parser.add_argument("--workers", type=int, metavar="N", help="Number of processes; default: one for each core.")
-    parser.add_argument("--persons", action="store_true", help="Persons of the population, not the driver days.")
+    parser.add_argument("--persons", action="store_true", help="Simulate the persons of the population instead.")
     asked = parser.parse_args(args)
     wanted = person_jobs() if asked.persons else all_jobs()
 

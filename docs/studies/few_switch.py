@@ -45,7 +45,7 @@ LEGEND: Final = {
 
 
 def few_switch_fronts(section: Section, prices_s: Sequence[float]) -> list[tuple[float, GuideFront]]:
-    """Each price of a change (s), with the policies of a section for it."""
+    """Each price of a change (s), with the policies of a section for that price."""
     return [(price_s, GuideFront(section, PolicySettings(change_s=price_s))) for price_s in prices_s]
 
 

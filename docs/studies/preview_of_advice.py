@@ -1,6 +1,6 @@
 """The kept run of the bundled study preview-of-advice: its report, its forest plot, and the power of its comparisons.
 
-`python -m docs.studies.preview_of_advice` draws the plot beside the trials in docs/results/0.2/preview-of-advice; with
+`python -m docs.studies.preview_of_advice` draws the plot next to the trials in docs/results/0.2/preview-of-advice; with
 `site` it writes report.html and power.md into the working folder, for the site. The trials were driven by `das-sim
 experiment run preview-of-advice` (four minutes of CPU time).
 
@@ -80,7 +80,7 @@ def power_table(study: RunStudy) -> Iterator[str]:
 
 
 def main(args: Sequence[str] = ()) -> None:
-    """Draw the plot beside the trials, or write report and table of power into the working folder."""
+    """Draw the plot next to the trials, or write report and table of power into the working folder."""
     study = read_study(KEPT)
     if "site" in args:
         das_sim("experiment", "analyse", KEPT, "-o", "report.html", folder=Path.cwd())

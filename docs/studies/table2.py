@@ -1,4 +1,4 @@
-"""Table 2: the run of each level at t+ = 7 %, evaluated at every level (section 4.7)."""
+"""Table 2: the optimal run for each level with a buffer t+ of 7 %, evaluated at every level (section 4.7)."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from docs.studies.output import Output, csv_text
 from precompute.baselines import strategies as baselines
 
 FOUR_MODE_LEVELS = (L0_NOREG, L1, L2)
-"""Levels whose optimum on level track is a run of four modes (section 4.5)."""
+"""Loss levels whose optimum on flat track consists of four driving modes (section 4.5)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A trajectory's energy at a level, in % of the fastest run's at L3 GTO."""
+    """A trajectory's energy at a level, in % of that of the fastest run at level L3 (GTO)."""
 
     trajectory: str
     level: str

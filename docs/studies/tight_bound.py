@@ -55,9 +55,9 @@ GROWTH: Final = 1.3
 Floats = NDArray[np.float64]
 
 FORCE_SLACK_N: Final = 0.01
-"""Largest excess (N) of runs that keep the limits of their forces."""
+"""Largest excess (N) over a limit of force that counts as keeping the limit."""
 SLACK_RATIO: Final = 1e-8
-"""Largest excess, as a ratio, of runs that keep all limits."""
+"""Largest relative excess over any other limit that counts as keeping the limit."""
 SLOWEST_TAU: Final = 1e6
 """Slowness (s/m) of the slowest row of a loss map: no run is that slow."""
 PARTS: Final = 2
@@ -75,7 +75,7 @@ def tightened(solution: Solution, tight_s: float = math.inf) -> Solution:
     """The solution with a bound that is searched for during about `tight_s` seconds more.
 
     This raises the bound of a train with a loss map (`docs/explanation/bounds.md`); any other solution, and one whose
-    bound is good enough, stays as it is.
+    bound is good enough, is returned unchanged.
     """
     loss, known, energy_j = solution.section.loss, solution.certificate, solution.balance.input
     hopeless = known.reason not in ("", NOT_FOUND) or energy_j - known.bound_j <= ENOUGH_GAP_RATIO * abs(energy_j)

@@ -1,8 +1,8 @@
 """Numba kernels of the baseline strategies, on the integration grid of a section.
 
-Symbols and preconditions as in `das.solver.kernels`. `base` is the run that holds one cruising speed: full traction up
-to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what climbing_floor returns.
-A *coasting arc* leaves the base run at a node and comes back to it where the two speeds cross.
+Symbols and preconditions are those of `das.solver.kernels`. `base` is the run that holds one cruising speed: full
+traction up to min(envelope, cruising speed), then holding, then braking along the envelope; `floor` is what
+climbing_floor returns. A *coasting arc* leaves the base run at a node and comes back to it where the two speeds cross.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _NO_FRICTION = 1.0 - 1e-9
 
 @kernel
 def electric_envelope(line, envelope, p):
-    """Fastest speed at each node from which the motors alone can brake to the envelope; otherwise friction helps."""
+    """Fastest speed at each node from which the motors alone brake to the envelope; above it, friction must help."""
     step, g, q, u = line
     n = step.size
     v = np.empty(n + 1)
@@ -202,7 +202,7 @@ def four_mode_run(cruise, ends, base, line, bounds, p, v, coasting):
     """Drive a base run with coasting arcs; fills v, returns the trip time (s), or -1 after a stall.
 
     ends[i] > 0: an arc starts at node i (unless another is under way) and ends at the first crossing of the base run
-    near node ends[i] or after it; an earlier crossing, where the arc only grazes the base run, is ignored. coasting[i]
+    near node ends[i] or beyond; an earlier crossing, at which the arc only grazes the base run, is ignored. coasting[i]
     is true if interval i has no wheel force. Every interval is limited to the capability of the train.
     """
     step, g, q, _ = line

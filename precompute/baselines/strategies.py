@@ -219,7 +219,7 @@ class _Arcs:
         return self.base_j + slow.extra_j + price_w * (slow.extra_s - self.spare_s)
 
     def near_time(self) -> list[_Path]:
-        """Sets of arcs near the spare time, the best at the price of time first.
+        """Sets of arcs that take about the spare time; first the set that is best at the price of time.
 
         The time of the best arcs jumps with the price. Towards it, arcs of both sides are added, left out or exchanged.
         """
@@ -441,9 +441,9 @@ def four_modes(section: Section, time_s: float) -> Baseline:
 
     For constant efficiency these are the regimes of the optimum (e.g. Howlett & Pudney 1995). One cruising speed v
     holds for the section, as for `reduced_maximum_speed`; from that base run the train may coast at any node of the
-    grid, until it meets the base run again: at a brake point, or in between, below it or (on a descent) above it. Full
-    brake means all brakes, or the motors at full effort (with friction only to hold a speed): whichever is better, for
-    the whole section.
+    grid, until its speed meets the base run again: where that brakes, or earlier, from below or (on a descent) from
+    above. Full brake means all brakes, or the motors at full effort (with friction only to hold a speed): whichever is
+    better, for the whole section.
 
     Best switching points: for a given v, coasting arcs do not depend on each other, so for a price of time the best set
     is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on the dual
@@ -452,8 +452,8 @@ def four_modes(section: Section, time_s: float) -> Baseline:
     time is hit to `TIME_TOLERANCE_S`. The top-speed run is a candidate, so the result never needs more energy. Another
     cruising speed for each limit, or a run-up above v before a climb, is not tried.
 
-    A time below the least possible gives the fastest run (`Fit.LATE`); where a slower run would cost more energy, the
-    least-energy run (`Fit.EARLY`). Raises DasError for a time that is not positive.
+    A time below the least possible gives the fastest run (`Fit.LATE`); if a slower run would cost more energy, the
+    least-energy run is returned (`Fit.EARLY`). Raises DasError for a time that is not positive.
     """
     _check_time(time_s)
     quickest = _fastest_mps(section)

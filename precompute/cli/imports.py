@@ -49,7 +49,7 @@ def import_route(
 
     Tables are CSV files whose columns have their units in their names (position_km, limit_kmh, gradient_permille,
     altitude_m, radius_m, length_m with cross_section_m2, name, latitude_deg, longitude_deg); the columns determine the
-    content of a file. A row holds until the next one.
+    content of a file. The values of a row apply up to the next row.
 
     Without altitudes energies are wrong by up to a third, so a line without them needs --flat.
     """
@@ -141,9 +141,9 @@ def import_journey(
     """Make a journey file from a trip of a GTFS feed.
 
     The trip is named by its id (--trip), or is the first from one stop to another at a time or later (--from, --to,
-    --at); with --trip, the two stops cut it. With --route, stops are found by their names, else by their places, within
-    500 m of the route; stops beyond its ends are left out. Without a route, positions are distances along the feed's
-    shape.
+    --at); with --trip, --from and --to select a part of the trip. With --route, stops are found by their names, else by
+    their places, within 500 m of the route; stops beyond its ends are left out. Without a route, positions are
+    distances along the feed's shape.
 
     Public timetables are rounded and seldom state dwell times. Assumptions are printed and written in the
     file.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from das.offline.journey import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
-"""The word instead of a journey for calls at all stops of the route."""
+"""Argument that stands for a journey with calls at all stops of the route."""
 DWELL_S = 30.0
 
 

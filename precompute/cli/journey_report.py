@@ -102,7 +102,7 @@ def available(start: Call, end: Call) -> float:
 def _without_dwell(journey: Journey) -> Iterator[str]:
     bare = [call.name for call in journey.calls[1:-1] if not call.dwell_s]
     if bare:
-        yield f"no dwell_s at {', '.join(bare)}: plans stop there for no time"
+        yield f"no dwell_s at {', '.join(bare)}: plans assume stops of 0 s there"
     open_calls = [x.name for x in journey.calls[1:-1] if x.departure == Window() and x.arrival == Window()]
     if open_calls and len(open_calls) == len(journey.calls) - 2:
         yield "no intermediate stop has a time: only the departure and the last arrival are kept"

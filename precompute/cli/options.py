@@ -131,7 +131,7 @@ class TripTime:
             raise DasError("give either --time (s) or --buffer (%)")
 
     def wanted_s(self, min_time_s: float) -> float | None:
-        """The requested trip time (s), given the least time; None if none was. DasError for an impossible buffer."""
+        """The requested trip time (s), given the least time; None if not given. DasError for an impossible buffer."""
         return self.time_s if self.buffer_percent is None else buffered(min_time_s, self.buffer_percent)
 
 
@@ -234,7 +234,7 @@ class Files:
     """The files that a command writes, and whether it prints JSON.
 
     A group of options redeclares fields that the user can give; a command without such an option keeps the default.
-    `field()` makes an option that the user must give. `suffix` is what the name of `out` must end in; "": anything.
+    `field()` makes an option that the user must give. `suffix` must end the name of `out`; "" allows all names.
     """
 
     out: Path | None = None
@@ -267,7 +267,7 @@ class RunFiles(Files):
 
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv): one row a grid node."),
+        typer.Option("--out", "-o", metavar="FILE", help="Trajectory to write (.csv), one row per grid node."),
     ] = None
     plot: PlotOption = None
     overwrite: OverwriteOption = False

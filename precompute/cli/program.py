@@ -133,7 +133,7 @@ GONE: Final = {
     "sensitivity": "python -m docs.studies.changed_world ROUTE VEHICLE in a checkout",
     **dict.fromkeys(_OF_VEHICLE.split(), "change it in the vehicle's file"),
     **dict.fromkeys(_OF_SECTION.split(), "use das.solver.section.SectionOptions in Python"),
-    "--join-m": "loose ends within 3 m of a track are joined; beyond, join them in the map",
+    "--join-m": "loose ends within 3 m of a track are joined; join others in the map",
     "--tunnel-area": "change cross_section_m2 in the route's file",
     "--max-buffer": "the largest of --buffers counts",
     "--bound": "use docs.studies.tight_bound.tightened in Python, in a checkout",

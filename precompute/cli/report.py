@@ -106,7 +106,7 @@ LEGEND = {
 
 
 def print_solutions(title: str, results: list[dict[str, Any]]) -> None:
-    """Print runs, as `solution_json` gives them, one a row; of several, also the savings relative to the first."""
+    """Print runs, as `solution_json` gives them, one per row; for several, also the savings relative to the first."""
     several = len(results) > 1
     energies = (*(f"{name}\nkWh" for name in ("input", "lost", "stored")), *(["saved\n%"] if several else []))
     table = new_table(title, (), ("time s", "buffer %", *energies, "λ kW", "gap %", "ms", "fit"))
@@ -143,7 +143,7 @@ def print_parameters(result: dict[str, Any]) -> None:
 
 
 JOURNEY_LEGEND = {
-    "≥, ≤, =": "held at the earliest, the latest, the only time of a window",
+    "≥, ≤, =": "held at the earliest, the latest or the only time of a window",
     "run": "running time",
     "buffer": "running time above the least possible",
     "input": "net energy at the current collector",
@@ -185,7 +185,7 @@ def missed_wishes(planner: JourneyPlanner, plan: JourneyPlan) -> list[MissedWish
             if passed.missed_s:
                 try:
                     found.append(MissedWish(passed, planner.wish_costs_j(section, passed)))
-                except DasError:  # no run keeps it, or a window before it already excludes it
+                except DasError:  # no run keeps the wish, or an earlier window excludes it
                     found.append(MissedWish(passed, math.nan))
     return found
 

@@ -152,7 +152,7 @@ def _lacks(route: Route) -> Iterator[str]:
 MAP_IN: Final = 3.6
 """Height (in) of the map."""
 LEAST_STRETCH: Final = 0.05
-"""Least share of a degree of latitude with which a degree of longitude is drawn near a pole."""
+"""Least width of a drawn degree of longitude, as a share of a degree of latitude: a bound for lines near a pole."""
 MOST_STOPS_ON_MAP: Final = 25
 
 

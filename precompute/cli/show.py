@@ -61,7 +61,7 @@ class OfTrain:
         str | None,
         typer.Option(
             metavar="VEHICLE",
-            help="Train that is to keep a journey (needs --route), or whose forces bound a loss map "
+            help="Train for the spare times of a journey (needs --route), or for the forces of a loss map "
             "[default: re460-ic].",
         ),
     ] = None
@@ -96,8 +96,8 @@ def show(
     """Show and check a route, vehicle, journey, loss map or tables; without a file, list what is bundled.
 
     For a route or vehicle, unusual values are warnings and missing data are notes; the exit code is 1 with warnings and
-    2 if the file cannot be used. With a train, the spare time of each section of a journey is shown. A bundled name is
-    a journey if --route is given. Tables are checked as by `verify`, and problems are listed below the others.
+    2 if the file cannot be used. With a train, the spare time of each section of a journey is shown. With --route, a
+    name that bundled files share means the journey. Tables are checked as by `verify`; those with problems come last.
     """
     files.check(source, on.route, of.vehicle)
     if source is None:
@@ -133,7 +133,7 @@ def _show(shown: ShownFile, files: ShowFiles) -> None:
 
 
 def _kind(source: str) -> str:
-    """The kind of a bundled name or a file; DasError for a file that no command reads."""
+    """The kind of a bundled name or a file; DasError for a file that `show` cannot read."""
     from das.domain.files.load import catalogue, foreign_format
 
     kinds = (JOURNEY, ROUTE, VEHICLE) if is_given("--route") else (ROUTE, VEHICLE, JOURNEY)
@@ -252,12 +252,12 @@ def _journey(source: str, on: OnRoute, of: OfTrain) -> ShownFile:
 _READ: Final = {ROUTE: _route, VEHICLE: _vehicle, JOURNEY: _journey, LOSS_MAP: _loss_map}
 
 SHOWN_OF_A_SOURCE = 300
-"""Number of characters of a file's source that are printed; --json gives all of them."""
+"""Largest number of characters of a file's source that are printed; --json prints the whole source."""
 LEGEND = {"levels": "loss levels the vehicle has data for, its default first (docs/explanation/loss-maps.md)"}
 
 
 def print_catalogue(*, as_json: bool) -> None:
-    """Print the bundled routes and vehicles, each with its id, which commands take, and the source of its figures.
+    """Print the bundled routes and vehicles, each with the id to use in commands, and the source of its data.
 
     JSON has the sources in full.
     """
@@ -284,7 +284,7 @@ def print_catalogue(*, as_json: bool) -> None:
     print_table(table, LEGEND)
     for one in (*routes, *vehicles):
         source = one["source"]
-        if len(source) > SHOWN_OF_A_SOURCE:  # whole sentences from its beginning
+        if len(source) > SHOWN_OF_A_SOURCE:  # only whole sentences
             whole, end, _ = source[:SHOWN_OF_A_SOURCE].rpartition(". ")
             source = f"{whole}{end.strip()} …"
         paragraph(f"{one['id']}: {source}", hanging="  ")
@@ -292,7 +292,7 @@ def print_catalogue(*, as_json: bool) -> None:
 
 
 def _bundled(path: Path, table: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """The facts of a bundled file, the origin of its figures (its source, else its description), and the file."""
+    """The facts of a bundled file, the origin of the data (its source, else its description), and its path."""
     main = tomllib.loads(path.read_text(encoding="utf-8"))[table]
     source = " ".join(str(main.get("source") or main.get("description") or "").split())
     return {**facts, "source": source, "file": str(path)}

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from precompute.cli.report import Answer
 
 
-StrategyOption = Annotated[Strategy, typer.Option("--strategy", help="Driving strategy; fastest needs no time.")]
+StrategyOption = Annotated[Strategy, typer.Option("--strategy", help="Driving strategy; 'fastest' takes no --time.")]
 
 
 def solve(
@@ -45,18 +45,18 @@ def solve(
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
 
-    Strategies to compare with: "fastest" is full effort, the limits, full brake. "top-speed" is the same under one
-    reduced maximum speed. "four-mode" is full traction, one cruising speed, coasting and full brake, with the best
-    switching points.
+    Strategies to compare with: "fastest" uses full effort up to the limits, and full brakes. "top-speed" does the same
+    below one reduced maximum speed. "four-mode" combines full traction, one cruising speed, coasting and full brakes,
+    with the best switching points.
 
-    A time below the least possible one gives the fastest run, and the column "fit" says "late". A time beyond that of
-    the least-energy run gives the least-energy run, and "fit" says "early".
+    A time below the least possible one gives the fastest run, and the column "fit" shows "late". A time beyond that of
+    the least-energy run gives the least-energy run, and "fit" shows "early".
 
-    The solver's table takes a decision every 150 m or more often. By default the optimal run is then refined on a finer
+    The solver's table has decision points at most 150 m apart. By default the optimal run is then refined on a finer
     grid, without arriving later.
 
     The gap is the largest possible excess over the least energy. With a loss map (level l3), a gap of 0.1 to 1.3 %
-    remains that no run could close.
+    remains even for the best possible run.
     """
     trip.check(needed=strategy is not Strategy.FASTEST)
     if strategy is Strategy.FASTEST:
@@ -86,7 +86,7 @@ def solve(
 
 
 def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
-    """Section, front, least time (s), and the seconds the front took once everything was compiled."""
+    """Section, front, least time (s), and the computing time of the front without compilation (s)."""
     with loading_solver("precompute.late_kernels"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
@@ -136,7 +136,7 @@ class FrontFiles(Files):
     ] = False
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="With --exact: every point of the front to write (.csv)."),
+        typer.Option("--out", "-o", metavar="FILE", help="With --exact: CSV file for all points of the front."),
     ] = None
     plot: PlotOption = None
     overwrite: OverwriteOption = False
@@ -146,7 +146,7 @@ class FrontFiles(Files):
         """Raise DasError for options that do not go together, and for outputs that cannot be written."""
         if self.exact:
             refuse_given("with --exact the solver's runs are not refined", "--refine")
-            refuse_given("draws the solver's front, not together with --exact", "--plot")
+            refuse_given("draws the solver's front only, and cannot be combined with --exact", "--plot")
         else:
             refuse_given("needs --exact", "--out")
         super().check(*inputs)
@@ -168,12 +168,12 @@ def front(
     """Show the trade-off between time and energy: the least-energy run for each of a list of buffers.
 
     By default every run is refined beyond the solver's table, as `solve` does: 0.2 to 0.5 s a run, and less for
-    neighbouring buffers, which help each other.
+    neighbouring buffers, because each run starts from its neighbours.
 
     With --exact, the algorithm of the paper checks the solver. It keeps every partial run that could still belong to
     the front, up to the largest buffer of the list. Times refer to its grid, on which runs are a little slower than
-    those of the continuous solver. 6 km with a buffer of 10 % take up to half a minute; time and memory grow fast with
-    length and buffer. The solver's runs are then not refined.
+    those of the continuous solver. A section of 6 km with a buffer of 10 % takes up to half a minute; time and memory
+    grow fast with length and buffer. The solver's runs are then not refined.
     """
     files.check(*pose.inputs())
     with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT
@@ -201,9 +201,9 @@ def front(
 
 
 def _runs(front: Front, times_s: list[float], refine: bool) -> list[tuple[Solution, float]]:
-    """The run of each time (s), refined if wanted and with its bound proven, and the seconds it took."""
+    """The run for each time (s), with its bound and refined if `refine`; and the computing time (s) of each."""
     runs, seconds = [], []
-    with busy("rolling out …"):
+    with busy("computing the runs …"):
         for time_s in times_s:
             began = time.perf_counter()
             runs.append(front.trajectory(time_s))

@@ -113,7 +113,7 @@ def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
 def print_tables(folder: Path, *, as_json: bool) -> None:
     """Print the content of tables in a folder, or of one: sections, trains, sizes, times, energies and certificates.
 
-    Each table is checked first; problems are listed below the others. JSON has all points of the fronts and the times
+    Each table is checked first; those with problems are listed last. JSON has all points of the fronts and the times
     and energies of all references. Raises DasError if there is no table.
     """
     from precompute.tables.build import table_files
@@ -140,12 +140,12 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
 
 
 def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:
-    """Each file with its table if that is whole and of this release; else with a text on the fault."""
+    """Each file with its table if that is whole and of this release; else with a description of the fault."""
     from das.table import Table, TableError
 
     for path in shown(paths, lambda path: path.name):
         if path.is_dir():
-            earlier = "a table of an earlier release, which no longer serves; remove it and build it again"
+            earlier = "a table of an earlier release, which is not supported; remove it and build it again"
             yield path, None, f"{path}: {earlier}"
             continue
         try:

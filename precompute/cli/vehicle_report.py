@@ -189,7 +189,7 @@ GRADIENTS = (0.01, 0.02)
 MOST_MODES = 6
 """Largest number of modes that are drawn in addition to the train's own."""
 MOST_LETTERS = 24
-"""Longest name of a mode in the key of the picture."""
+"""Longest name of a mode in the legend of the picture."""
 TRACTION, BRAKE, RESISTANCE = SEVERAL[0], SEVERAL[1], INK
 
 

@@ -20,8 +20,8 @@ from precompute.exact.front import STATES, ExactFront, solve_exact
 LEGEND = {
     "buffer": "time above the least possible on the grid",
     "exact": "least energy on the grid for that time",
-    "supported": "the same on the front's lower convex hull, which a price of time can find",
-    "solver": "least energy that the fast solver finds for that time; it is not bound to the grid",
+    "supported": "least energy on the front's lower convex hull, whose runs a price of time can find",
+    "solver": "least energy that the fast solver finds for that time; its speeds are not bound to the grid",
 }
 COLUMNS = ("time_s", "energy_input_j", "supported_j")
 

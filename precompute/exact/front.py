@@ -1,7 +1,7 @@
 """Exact time–energy front of a section on the paper's grid (Nold & Corman 2024, section 4.1, figs. 3, 12, 13).
 
 From both ends, layer by layer, every non-dominated partial run (label) is kept, until the two halves meet and are
-joined: the result is the whole Pareto front of the grid. A label is dropped only if its least time exceeds the
+joined: the result is the whole Pareto front of the grid. A label is dropped only if its least total time exceeds the
 requested time, or if a dual bound proves it useless. V(λ, node), the least energy + λ·time from the node to the other
 end, bounds completions from below; known runs bound the front from above. Known runs come from the sweeps and from
 quick passes that keep one label per state and bucket of time; each pass tightens the bounds of the next.
@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 Labels32 = NDArray[np.uint32]
 
 Progress = Callable[[str, int, int], None]
-"""Progress callback: called with the name of the step, the number of finished layers and their total."""
+"""Progress callback: called with the name of the step, the number of finished intervals and their total."""
 
 BLOCKS = 24
 """Number of blocks into which the states of a node are split for the threads."""
@@ -39,9 +39,9 @@ FIRST_LADDER = 40
 FIRST_RATIOS = (0.01, 30.0)
 """Multiples of the train's power between which the first multipliers lie."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
-"""Multiples of the refined ladder's largest multiplier, added to it because the front is steep near the least time."""
+"""Factors on the refined ladder's largest multiplier that extend the ladder: the front is steep near the least time."""
 ROUNDING_J = 1.0
-"""Slack of every comparison with a bound: far above the rounding of its sums, far below any saving."""
+"""Slack (J) of every comparison with a bound: far more than the rounding of the sums, far less than any saving."""
 ROUNDING_RATIO = 1e-12
 BYTES_PER_LABEL = 4
 BYTES_PER_OPEN_LABEL = 72
@@ -102,7 +102,7 @@ class Duals:
         self._choice.reverse()
 
     def _step(self, graph: Graph, pool: ThreadPoolExecutor, k: int, *, onward: bool) -> NDArray[np.int32]:
-        """Find the values at one end of interval k from the values at its other end; returns the rows chosen there."""
+        """Find the values at one end of interval k from those at its other end; returns the rows chosen at that end."""
         arcs = onward_arcs(graph, self._layers[k], self._layers[k + 1])
         at, beyond = (k, k + 1) if onward else (k + 1, k)
         speed, other = self._layers[at].speed, self._layers[beyond].speed
@@ -119,7 +119,7 @@ class Duals:
         return choice
 
     def runs(self) -> Ints:
-        """Speeds at the nodes (multipliers, nodes) of a run of least energy + λ·time for every multiplier."""
+        """Speeds at the nodes (multipliers, nodes) for each multiplier, of the run with the least energy + λ·time."""
         every = np.arange(len(self.lambda_w))
         return self._followed(every, every, np.zeros_like(every))
 
@@ -193,7 +193,7 @@ class Labels:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bounds:
-    """The multipliers (W) that give the best bound on a stretch of the front, and the largest energy + λ·time (J)."""
+    """The multipliers λ (W) with the best bound on a stretch of the front, and a run's largest energy + λ·time (J)."""
 
     lambda_w: Floats
     allowed_j: Floats
@@ -283,7 +283,7 @@ class Half:
 
     @property
     def bytes_needed(self) -> int:
-        """Memory of the labels (bytes), with the labels of the next node while they are made."""
+        """Memory of the labels (bytes), including those of the next node while they are made."""
         return self.count * BYTES_PER_LABEL + len(self.labels) * BYTES_PER_OPEN_LABEL
 
     def run(self, label: int) -> list[int]:
@@ -300,7 +300,7 @@ class Half:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Joined:
-    """Runs joined from two halves, time rising and energy falling, with the two labels of each."""
+    """Runs joined from two halves, time rising and energy falling, with the two labels of each run."""
 
     time_ns: Ints
     energy_mj: Ints
@@ -358,7 +358,7 @@ class Pass:
             )
 
     def _joined(self, pool: ThreadPoolExecutor, known: Known) -> Joined:
-        """The non-dominated runs of all pairs of labels that meet."""
+        """The non-dominated runs of all pairs of labels of one state at the node where the halves meet."""
         a, b, latest_ns = self._first.labels, self._second.labels, self._search.latest_ns
         origin_ns = int(known.time_ns[0])
         width_ns = (latest_ns - origin_ns) // KNOWN_STEPS + 1
@@ -400,7 +400,7 @@ def _blocks(size: int) -> list[tuple[int, int]]:
 
 
 STATES = "states"
-"""Name of the step in which the states of the grid and the bounds are found, for `Progress`."""
+"""Name of the step in which the states of the grid and the bounds are computed, for `Progress`."""
 SWEEPS = 5
 """Number of sweeps: two find the states, three the bounds."""
 
@@ -412,7 +412,7 @@ LARGEST_MEMORY_BYTES = 20e9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactFront:
-    """Every Pareto-optimal run of a section on a grid, up to a time; or, with a `bucket_ms`, runs near them.
+    """Every Pareto-optimal run of a section on a grid, up to a time; or, with `bucket_ms`, runs near these.
 
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
@@ -467,8 +467,8 @@ class ExactFront:
 class Limits:
     """Limits of the search.
 
-    `max_memory_bytes` is the memory of its labels (None: 80 % of the machine's, at most 20 GB). With a `bucket_ms` it
-    keeps one partial run per state and bucket of time: it finds runs near the front and a bound below it.
+    `max_memory_bytes` is the memory for labels (None: 80 % of the machine's, at most 20 GB). If `bucket_ms` is not 0,
+    the search keeps one partial run per state and bucket of time: it finds only runs near the front, and a lower bound.
     """
 
     max_memory_bytes: float | None = None

@@ -62,7 +62,7 @@ class Graph:
         """Lay the grid over the section; raises DasError if a speed at its ends or a neutral section does not fit."""
         if (section.supply == NEUTRAL).any():
             raise DasError(
-                f"{section.name}: no exact front: on its grid nothing coasts exactly through a neutral section"
+                f"{section.name}: no exact front: on its grid no train coasts exactly through a neutral section"
             )
         length = section.end_m - section.start_m
         count = max(int(np.ceil(length / grid.step_m - 1e-9)), 2)
@@ -147,7 +147,7 @@ class Arcs(NamedTuple):
 def viable_layers(
     graph: Graph, max_buffer_ratio: float, layer_done: Callable[[], None] = lambda: None
 ) -> tuple[list[Layer], int]:
-    """Layers of the states that lie on a run of at most (1 + buffer) times the least time, and that time (ns).
+    """Layers of the states that lie on a run of at most (1 + buffer) times the least time, and this longest time (ns).
 
     `layer_done` is called after each interval, in the forward sweep and in the backward sweep. Raises InfeasibleError
     if the grid has no run at all.

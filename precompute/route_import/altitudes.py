@@ -1,4 +1,4 @@
-"""Gradients from altitudes: smoothed, straight through tunnels and over bridges, and capped, as remarks state.
+"""Gradients from altitudes: smoothed, interpolated in tunnels and on bridges, and capped, as the remarks state.
 
 Noise of altitudes becomes gradients, and gradients become energy: docs/explanation/own-lines.md has figures. A few
 points far apart (stations, summits) are joined by straight lines.
@@ -22,10 +22,10 @@ from precompute.route_import.track_map import same_station
 GRID_M: Final = 25.0
 """Distance (m) between the points at which altitudes are averaged."""
 STRETCHES_PER_LENGTH: Final = 4
-"""Number of gradients for each length of smoothing: with more, only planning would take longer."""
+"""Number of gradients for each length of smoothing: more would only make planning slower."""
 SHORTEST_STRETCH_M: Final = 100.0
 FAR_M: Final = 500.0
-"""Largest distance (m) from the line of an altitude that belongs to it."""
+"""Largest distance (m) from the line at which an altitude still belongs to the line."""
 LOWEST_M, HIGHEST_M = -500.0, 9000.0
 SAME_POINT_M: Final = 1.0
 

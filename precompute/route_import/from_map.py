@@ -26,7 +26,7 @@ from precompute.route_import.track_map import (
 )
 
 BESIDE_M: Final = 150.0
-"""Largest distance (m) from the path of a station that is a stop on the path."""
+"""Largest distance (m) from the path at which a station counts as a stop on the path."""
 STOPS_APART_M: Final = 50.0
 """Distance (m) below which two stops are the same stop."""
 MOST_ODD: Final = 12
@@ -41,11 +41,11 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
     """The line between two stations of a map; DasError if a station or a path is not found, or no limit is known."""
     stations = [stations_named(the_map, name) for name in (ends[0], *(order.via or ()), ends[1])]
     if stations[0] == stations[-1]:
-        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
+        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are the same place on the tracks")
     way = TrackGraph(the_map, 0.0 if the_map.is_osm else JOINED_M).way(stations)
     at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
     if at_m[-1] < STOPS_APART_M:
-        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are one place of the tracks")
+        raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are the same place on the tracks")
     length_m = round(float(at_m[-1]), 3)
     at_m[-1] = length_m
     stops = _stops(the_map, order, way, at_m)
@@ -71,7 +71,7 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
     return ImportedLine(route=route, structures=structures).with_remarks(
         f"Tracks driven: {len({step.track.name for step in way.steps})} of {len(the_map.tracks)}.",
         *(
-            f"{place.name} is no station of the map but the name of a track; its middle was taken."
+            f"{place.name} is no station of the map but the name of a track; the middle of the track was taken."
             for place, _ in way.stations
             if place.rank == RANK_OF_A_TRACK
         ),

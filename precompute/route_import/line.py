@@ -28,7 +28,7 @@ FASTEST_KMH: Final = 600.0
 class ImportOrder:
     """The choice of a line in the files, the source of its altitudes, and substitutes for missing data.
 
-    Options for maps (`OF_MAPS`) may not be given with tables, and a length not with a map.
+    Options for maps (`OF_MAPS`) may not be given with tables, nor a length with a map.
     """
 
     start: Annotated[
@@ -40,7 +40,7 @@ class ImportOrder:
     end: Annotated[str | None, typer.Option("--to", metavar="STATION", help="Last stop, as for --from.")] = None
     via: Annotated[
         list[str] | None,
-        typer.Option(metavar="STATION", help="Station that the way leads over; may be given several times."),
+        typer.Option(metavar="STATION", help="Station on the way; may be given several times."),
     ] = None
     only_named_stops: Annotated[
         bool, typer.Option("--only-named-stops", help="Leave out the stations that are not named by these options.")

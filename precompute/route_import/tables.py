@@ -23,7 +23,7 @@ from precompute.route_import.line import DECIMALS, ImportedLine, Words, made_rou
 MOST_ROWS: Final = 200_000
 """Largest number of rows of a table."""
 SHORTEST_M: Final = 1.0
-"""Least length (m) of a line from tables; after rounding, nothing would be left of a shorter one."""
+"""Least length (m) of a line from tables; a shorter one could vanish in rounding."""
 OFF_COURSE_M: Final = 500.0
 """Largest distance (m) of coordinates from the course of the line to which they belong."""
 QUANTITIES: Final = {
@@ -45,7 +45,7 @@ ALIASES: Final = {
     **dict.fromkeys(("slope_permille", "incline_permille"), "gradient_permille"),
     **dict.fromkeys(("stop", "station", "stop_name"), "name"),
 }
-"""Other names of columns that mean the same."""
+"""Alternative names of columns."""
 REMARKS: Final = frozenset({"source", "note", "comment", "remark", "description", ""})
 """Columns that are not read."""
 ENDLESS: Final = ("radius", "radius_start", "radius_end")
@@ -58,7 +58,7 @@ RAILTOOLKIT: Final = "https://railtoolkit.org/schema/running-path"
 
 @dataclass(frozen=True, kw_only=True)
 class LineTable:
-    """A table of a line: numbers in SI by quantity, and names, one for each row (None: an empty cell); its lines."""
+    """A table of a line: for each row its line in the file, numbers (SI) by quantity (None: empty cell), and a name."""
 
     path: Path
     lines: tuple[int, ...]
@@ -70,7 +70,7 @@ class LineTable:
         return all(quantity in self.numbers for quantity in quantities)
 
     def numbered(self, *quantities: str) -> list[tuple[int, tuple[float, ...]]]:
-        """Index and values of each row that has a value for all of these quantities; none without such columns."""
+        """Index and values of each row that has a value for all of these quantities; empty if a column is missing."""
         columns = zip(*(self.numbers.get(quantity, ()) for quantity in quantities), strict=self.has(*quantities))
         whole = ((i, tuple(value for value in row if value is not None)) for i, row in enumerate(columns))
         return [(i, row) for i, row in whole if len(row) == len(quantities)]
@@ -154,7 +154,7 @@ def _checked_name(path: Path, line: int, name: str) -> str:
 
 
 def _running_path(path: Path) -> LineTable:
-    """The path of a file of railtoolkit: rows of position (m), limit (km/h) and path resistance (‰, its gradient)."""
+    """The path in a file of railtoolkit: position (m), limit (km/h) and path resistance (‰), read as the gradient."""
     fields = read_yaml(path)
     paths = fields.data.get("paths")
     if not isinstance(paths, list) or not str(fields.data.get("schema", RAILTOOLKIT)).startswith(RAILTOOLKIT):
@@ -179,7 +179,7 @@ def _running_path(path: Path) -> LineTable:
 def line_from_tables(
     tables: Sequence[LineTable], words: Words, *, ends: tuple[str, str], length_m: float | None
 ) -> ImportedLine:
-    """A line from tables that together have limits and other quantities; it is flat if none has gradients.
+    """A line from tables, one of which has limits; it is flat if none has gradients.
 
     `ends` name the first and last stop if the tables have no stops. `length_m` is the length of the line; None: it ends
     at its last stop, or else with the last row of the tables. Raises DasError or InputError for tables that do not fit.
@@ -224,8 +224,9 @@ def check_coordinates(table: LineTable) -> None:
 def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[list[LineTable], Course | None]:
     """The tables with a position in every row that has a value, and the course of the line.
 
-    Rows with coordinates alone are projected on the course: the table of coordinates without names. If the course has
-    no positions, they are the lengths along it, up to the length of the line.
+    Rows without a position are projected on the course by their coordinates; the course is a table of coordinates
+    without names. If it has no positions, they are computed as lengths along it, scaled to the length of the line if
+    that is given.
     """
     for table in tables:
         check_coordinates(table)
@@ -234,7 +235,7 @@ def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[
     plain = [table for table in lines if table.numbers.keys() == {"latitude", "longitude"}]
     course = next(iter(measured or plain or lines), None)
     if not measured and len(plain or lines) > 1:
-        raise DasError(f"{', '.join(str(x.path) for x in plain or lines)}: each has a course, expected one of them")
+        raise DasError(f"{', '.join(str(x.path) for x in plain or lines)}: each may be the course, expected only one")
     along = None if course is None or measured else _with_lengths(course, length_m)
     ready = [along if along is not None and table is course else table for table in tables]
     on = _course(course if along is None else along)
@@ -242,7 +243,7 @@ def _in_one_frame(tables: Sequence[LineTable], length_m: float | None) -> tuple[
 
 
 def _course(table: LineTable | None) -> Course | None:
-    """Position (m), latitude and longitude (deg) of a table's rows; None for a table without any."""
+    """Position (m), latitude and longitude (deg) of a table's rows; None if no row has all three."""
     rows = [] if table is None else table.rows("position", "latitude", "longitude")
     if not rows:
         return None
@@ -254,7 +255,7 @@ def _with_lengths(course: LineTable, length_m: float | None) -> LineTable:
     """A course whose positions are the lengths along it, or these lengths scaled to the length of the line (m)."""
     points = np.array(course.rows("latitude", "longitude"))
     if len(points) < len(course.lines) or not (points[1:] != points[:1]).any():
-        needs = "without positions every row needs latitude and longitude, and there are two places or more"
+        needs = "a course without positions needs coordinates in every row, and at least two different places"
         raise DasError(f"{course.path}: {needs}")
     lengths_m = along_m(*points.T)
     scale = 1.0 if length_m is None else length_m / lengths_m[-1]
@@ -278,7 +279,7 @@ def _with_positions(table: LineTable, course: Course | None) -> LineTable:
         raise DasError(f"{table.path}: no row has a position")
     for (_, (before_m,)), (i, (here_m,)) in pairwise(positions):
         if here_m <= before_m:
-            raise table.error(i, "position", f"{here_m:g} m", f"more than {before_m:g} m: rows rise along the line")
+            raise table.error(i, "position", f"{here_m:g} m", f"more than {before_m:g} m: positions must rise")
     first, (start_m,) = positions[0]
     if start_m < 0:
         raise table.error(first, "position", f"{start_m:g} m", "a position >= 0 m")
@@ -286,7 +287,7 @@ def _with_positions(table: LineTable, course: Course | None) -> LineTable:
 
 
 def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> list[float]:
-    """The positions (m) of rows on a course by their coordinates; InputError for a row without them or far from it."""
+    """The positions (m) of rows on a course by their coordinates; InputError for a row without any or far away."""
     nothing: tuple[float | None, ...] = (None,) * len(table.lines)
     columns = [table.numbers.get(name, nothing) for name in ("latitude", "longitude")]
     places = [[column[i] for column in columns] for i in rows]
@@ -299,7 +300,7 @@ def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> 
     found = projected_in_order(course, np.array(places, dtype=float), OFF_COURSE_M)
     for i, off_m in zip(rows, found.off_m.tolist(), strict=True):
         if off_m > OFF_COURSE_M:
-            far = f"{off_m:.0f} m from the course behind the row before"
+            far = f"{off_m:.0f} m from the course after the previous row"
             raise table.error(i, "latitude, longitude", far, f"at most {OFF_COURSE_M:g} m")
     return [round(at_m, DECIMALS) for at_m in found.position_m.tolist()]
 
@@ -327,12 +328,12 @@ def _the_one_with(tables: Sequence[LineTable], what: str, *quantities: str) -> L
     """The table that has one of these columns; None if none has, DasError if several have."""
     having = [table for table in tables if any(map(table.has, quantities))]
     if len(having) > 1:
-        raise DasError(f"{having[0].path}, {having[1].path}: both have {what}, expected one table of them")
+        raise DasError(f"{having[0].path}, {having[1].path}: both have {what}, expected only one such table")
     return having[0] if having else None
 
 
 def _steps(tables: Sequence[LineTable], quantity: str, length_m: float) -> Stretches | None:
-    """A quantity that holds from a row to the next, from the only table with it; None without one."""
+    """A quantity that applies from each row to the next, from the only table that has it; None if no table has it."""
     table = _the_one_with(tables, f"{quantity}s", quantity)
     if table is None:
         return None
@@ -367,10 +368,10 @@ def _zones(tables: Sequence[LineTable]) -> dict[str, Any]:
             key = "neutral_sections" if "neutral" in stem else "no_regeneration"
             zones = tuple(Zone(start_m=a, length_m=b) for a, b in table.rows("position", "length"))
         else:
-            expected = "cross_section_m2 as well (tunnels), or a name of the file with neutral or no_regeneration in it"
+            expected = "cross_section_m2 as well (tunnels), or a file name with neutral or no_regeneration in it"
             raise DasError(f"{table.path}: positions with lengths, expected {expected}")
         if key in found:
-            raise DasError(f"{table.path}: the second table of {key}, expected one")
+            raise DasError(f"{table.path}: a second table of {key}, expected only one")
         found[key] = zones
     return found
 

@@ -26,7 +26,7 @@ from precompute.route_import.track_map import UNITS_PER_DEGREE, Key, MapPlace, T
 Floats = NDArray[np.float64]
 
 NEAR_M: Final = 400.0
-"""Largest distance (m) from a station of a track that counts as one of its tracks."""
+"""Largest distance (m) from a station at which a track counts as one of the station's tracks."""
 SHARPEST_TURN_COS: Final = math.cos(math.radians(40.0))
 """Largest angle (as its cosine) by which a train turns from one piece of track to the next."""
 SHORT_M: Final = 15.0
@@ -34,7 +34,7 @@ SHORT_M: Final = 15.0
 JOINED_M: Final = 3.0
 """Largest gap (m) over which the end of a track is joined to another one: some exports round coordinates."""
 UNITS_PER_M: Final = 400
-"""Least number of units of 10⁻⁷ degrees in a metre, up to a latitude of 76°."""
+"""Largest number of units of 10⁻⁷ degrees in a metre, up to a latitude of 76°."""
 AT_VERTEX_M: Final = 0.5
 """Largest distance (m) of a place next to a track from a vertex; a place farther away gets a new vertex."""
 PLANE_RATIO: Final = 0.99

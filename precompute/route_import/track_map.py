@@ -39,7 +39,7 @@ STATIONS: Final = {
     ("public_transport", "platform"): 2,
     **{("railway", value): 3 for value in ("junction", "crossover", "yard", "site", "spur_junction")},
 }
-"""Tags that make a place a station, each with its rank: lower is preferred. From rank 2 on it names no stop."""
+"""Tags that make a place a station, each with its rank: lower is preferred. Places of rank 2 or more are no stops."""
 FIRST_THAT_IS_NO_STOP: Final = 2
 OTHER_THING: Final = frozenset(
     {"highway", "waterway", "building", "natural", "landuse", "boundary", "aeroway", "power"}
@@ -215,7 +215,7 @@ def _place(thing: _Thing) -> MapPlace | None:
 
 
 def names_of(tags: Mapping[str, str]) -> tuple[str, ...]:
-    """All names that tags give, the plain one first; control characters are escapes."""
+    """All names that tags give, the plain one first; control characters are escaped."""
     keys = [*_NAME_KEYS, *sorted(key for key in tags if key.startswith("name:"))]
     names = [name.strip() for key in keys for name in tags.get(key, "").split(";")]
     return tuple(dict.fromkeys(seen(name)[:MOST_OF_A_NAME] for name in names if name))
@@ -432,7 +432,7 @@ def _unknown(the_map: TrackMap, wanted: str) -> str:
     names = sorted(stations or {place.name for place in the_map.places})
     if not names:
         return (
-            f"{the_map.source}: no station {wanted!r}, for it names no stations at all: give "
+            f"{the_map.source}: no station {wanted!r}, because the file has no stations: give "
             f"{wanted}=LATITUDE,LONGITUDE, or add a file with stations (GeoJSON or Overpass JSON with "
             "node[railway=station], or CSV with name, latitude_deg, longitude_deg)"
         )

@@ -32,7 +32,7 @@ class BuildStatus(StrEnum):
     """Built before, and nothing that it depends on has changed."""
     FAILED = "failed"
     POISON = "poison"
-    """Its worker process died in every attempt."""
+    """The worker process of the section died in every attempt."""
     PENDING = "pending"
 
 

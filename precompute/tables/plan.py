@@ -73,7 +73,7 @@ def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
 
 
 def _braking(fields: Fields) -> SiteBraking | None:
-    """The braking of the drivers who use the tables; None: with the train's full brakes, as in a study."""
+    """The braking of the drivers who use the tables; None if they use the train's full brakes, as in a study."""
     if not fields.has("braking"):
         return USUAL
     table = fields.table("braking")
@@ -108,7 +108,7 @@ def _journey_line(fields: Fields, route: Route) -> _Line:
     """The line between the stops of a journey, which runs in one direction."""
     for key in ("stops",) if fields.data.get("reverse") != "both" else ("reverse",):
         if fields.has(key):
-            raise fields.error(key, fields.data[key], "none with journey, which has its own stops and direction")
+            raise fields.error(key, fields.data[key], "no such key with journey, which has its own stops and direction")
     journey = _loaded(fields, "journey", "journeys", lambda name: load_journey(name, route))
     return route, tuple(Stop(name=call.name, position_m=call.position_m) for call in journey.calls)
 
@@ -176,7 +176,7 @@ def _buffers(fields: Fields) -> tuple[float, ...]:
         if not step > 0:
             raise table.error("step", step, "a number > 0")
         if not 0 <= (last - first) / step < MOST_BUFFERS:
-            raise table.error("to", last, f"at least from, and at most {MOST_BUFFERS} buffers")
+            raise table.error("to", last, f"a number >= from that gives at most {MOST_BUFFERS} buffers")
         buffers = [round(first + step * i, 9) for i in range(int((last - first) / step + 1e-9) + 1)]
     rising = all(a < b for a, b in pairwise(buffers))
     if not buffers or not rising or not buffers[0] >= 0 or not buffers[-1] <= LARGEST_BUFFER_PERCENT:
@@ -189,18 +189,18 @@ def _buffers(fields: Fields) -> tuple[float, ...]:
 def _texts(fields: Fields, key: str) -> list[str]:
     value = fields.data.get(key, [])
     if not isinstance(value, list) or not all(isinstance(item, str) for item in value) or len(set(value)) < len(value):
-        raise fields.error(key, value, "a list of different texts")
+        raise fields.error(key, value, "a list of distinct texts")
     return list(value)
 
 
 def _loaded(fields: Fields, key: str, kind: str, load: Callable[[str], _T]) -> _T:
-    """Load a bundled route or vehicle by name, or from a file in the folder of the plan."""
+    """Load a file of a kind: bundled, by its name, or by a path relative to the folder of the plan."""
     name, beside = fields.text(key), fields.source.parent
     return _in_plan(fields, key, name, lambda text: load(text if text in catalogue(kind) else str(beside / text)))
 
 
 def _in_plan(fields: Fields, key: str, value: str, read: Callable[[Any], _T]) -> _T:
-    """The result of `read` for a value; its DasError is raised again with the place in the plan in front."""
+    """The result of `read` for a value; a DasError is raised again, preceded by the place in the plan."""
     try:
         return read(value)
     except DasError as error:

@@ -1,4 +1,4 @@
-"""Converts a foreign file to the text of a vehicle file; it is checked by reading it before it is written."""
+"""Converts a foreign file to the text of a vehicle file; the text is checked by reading it before it is written."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def import_train(
 
     `losses` names its losses (see `named_losses`), `figures` are those that a table does not hold, `train_id` is the
     train of a railtoolkit file, `electric_brake` the share of the traction that an electric brake gets, and `accepted`
-    names the checks of implausible values to pass. Raises DasError or InputError for anything unusable.
+    names the checks that implausible values may fail. Raises DasError or InputError for anything unusable.
     """
     found = _read(source, figures or Figures(), train_id)
     if electric_brake is not None:

@@ -91,7 +91,7 @@ def read_efforts(path: Path, figures: Figures) -> ImportedTrain:
             raise InputError(path, f"line {line}", ",".join(cells), f"{width} numbers")
         points.append([value * x for value, x in zip(numbers, factors, strict=True) if value is not None])
     if len(set(names)) < len(names):
-        expected = "a name of its own for each column, which is that of its mode"
+        expected = "a different name for each column, which is the name of its mode"
         raise InputError(path, "header", ",".join(names), expected)
     speeds, *forces = zip(*points, strict=True)
     curves = {name: tuple(zip(speeds, force, strict=True)) for name, force in zip(names[1:], forces, strict=True)}

@@ -22,9 +22,9 @@ from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, StandingTime, known, minutes, stood_ns
 
 NEAR_M: Final = 100.0
-"""Largest distance (m) from a stop of a train that stands at it; of several standstills, the nearest counts."""
+"""Largest distance (m) from a stop at which a train stands at the stop; of several standstills, the nearest counts."""
 NEAR_ON_THE_WAY_M: Final = 300.0
-"""Largest distance (m) from a stop outside the journey of a train at it: the head of a long train may be far away."""
+"""Largest distance (m) from a stop outside the journey at which a train is at the stop: long trains reach far."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,7 +301,7 @@ def passings_as_rows(kept: Sequence[KeptPassing], zero_ns: int) -> list[dict[str
 
 
 def passing_metadata(due: Sequence[DuePassing]) -> dict[str, str]:
-    """The passings as a recording states them; empty without any."""
+    """The passings as a recording states them; empty if there are none."""
     return {PASSINGS: json.dumps([asdict(one) for one in due])} if due else {}
 
 

@@ -152,7 +152,7 @@ class Drive(Summary):
     def plotted(self) -> PlottedRun:
         """The drive between its first departure and its last arrival, for a picture; DasError if it has no positions.
 
-        Wheel forces are known of simulated drives alone; the energy of others is the estimate.
+        Wheel forces are known only for simulated drives; for others, the energy is estimated.
         """
         from das.domain.plotted import PlottedRun
         from sim.drive.attribution.driven_legs import since_departure_j

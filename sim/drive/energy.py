@@ -173,7 +173,7 @@ class DriveEnergy:
     @cached_property
     def _any_attribution(self) -> Attribution | DasError:
         def found() -> Attribution:
-            _ = self.table.inputs  # of a drive without line or train, that is the reason
+            _ = self.table.inputs  # without line or train, the error here is the reason
             return attribution_of(self.table, self.compared, _raised(self._above), self.shown)
 
         return or_error(found)

@@ -291,9 +291,9 @@ def points(table: DriveTable) -> tuple[Point, ...]:
 
 
 OFF_PLAN_MPS: Final = 0.3
-"""Least deviation (m/s) of the speed from the plan of a train that has left it."""
+"""Least deviation (m/s) of the speed from the plan at which a train counts as off the plan."""
 OFF_PLAN_S: Final = 1.0
-"""Least deviation (s) of the time at a place from the plan of a train that has left it."""
+"""Least deviation (s) of the time at a place from the plan at which a train counts as off the plan."""
 
 REPLANS: Final = {
     2: "the time of arrival changed",
@@ -360,7 +360,7 @@ def _off_plan(before: PlanMade, plan: PlanMade) -> str:
 
 def advice_events(table: DriveTable) -> Iterator[DriveEvent]:
     """Every change of the advised driving regime, as the display showed it, with its cause: the next step of the plan,
-    a new plan, or advice given again after a pause. If the display showed none, the speed profile's counts.
+    a new plan, or advice given again after a pause. If the display showed no regime, that of the speed profile counts.
     """
     plans, trip = new_plans(table), table.course
     made = [one.time_ns for one in plans]
@@ -520,7 +520,7 @@ def _restrictions(table: DriveTable) -> Iterator[DriveEvent]:
 def _delays(table: DriveTable) -> Iterator[DriveEvent]:
     """An event for each delay that differs by at least `DELAY_STEP_S` from the delay of the last of these events.
 
-    There is none without a timetable: older replays sent the node invented delays.
+    Without a timetable there is no event: replays of older versions sent the node invented delays.
     """
     if table.own_timetable:
         return
@@ -692,9 +692,7 @@ def decision_events(table: DriveTable) -> Iterator[DriveEvent]:
             facts: dict[str, Any] = {"mode": advice, "followed": follows}
             if not follows:
                 text += _controller(table, one.time_ns)
-            if (
-                after is not None and after.kind == "reaction"
-            ):  # It is recorded right after the decision that starts it.
+            if after is not None and after.kind == "reaction":  # A reaction is recorded right after its decision.
                 facts |= {"reaction_s": after.value}
                 text = f"{advice} is followed after a reaction of {after.value:.1f} s" if follows else text
             yield DriveEvent.on(trip, EventKind.DRIVER, one.time_ns, text, **facts)

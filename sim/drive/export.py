@@ -46,7 +46,7 @@ KINDS: Final = ("float", "int", "bool", "choice")
 
 def by_time(tables: Mapping[str, DataTable], zero_ns: int) -> DataTable | None:
     """A table with a row for each message that states the position of the train, with the last message of each topic;
-    None without any."""
+    None if there is none."""
     base = next((tables[name] for name in MOVING if name in tables and len(tables[name])), None)
     if base is None:
         return None
@@ -66,7 +66,7 @@ def _times(table: DataTable) -> NDArray[np.int64]:
 
 
 def _at(table: DataTable, at_ns: NDArray[np.int64]) -> list[Column]:
-    """The columns of a topic at some moments, each with the topic's name in front."""
+    """The columns of a topic at some moments, with the topic's name as prefix."""
     order = np.argsort(_times(table), kind="stable")
     time_ns = _times(table)[order]
     last = np.searchsorted(time_ns, at_ns, side="right") - 1
@@ -141,7 +141,7 @@ def check_folder(folder: Path) -> None:
 
 
 def first_m(drive: DriveTable) -> float:
-    """The position (m) of the journey's first stop, else the first position recorded; 0 without any."""
+    """The position (m) of the journey's first stop, else the first position recorded; 0 if there is none."""
     for journey in drive.said.journeys[:1]:
         if journey.stops:
             return journey.stops[0].s_m

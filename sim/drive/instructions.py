@@ -348,8 +348,8 @@ def _obeys(told: _Told, advice: Any, force_n: float) -> bool:
 
 
 def _misses(coast: _Told, told: _Told, coasted_s: int, ends_mps: float) -> bool:
-    """Whether a train that has coasted (s) ended far from the speed, though the reference stayed the same. It ends at
-    `ends_mps` (m/s), where the instruction `told` next is due.
+    """Whether a train that has coasted (s) ended far from the speed, though the reference stayed the same. Coasting
+    ends at `ends_mps` (m/s), where the instruction `told` next is due.
     """
     if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False

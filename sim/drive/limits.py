@@ -53,7 +53,7 @@ class TemporaryLimit(NamedTuple):
         return np.asarray(told & self.restriction.holds_at(time_ns))
 
     def changes(self) -> list[tuple[int, str]]:
-        """The moments (ns) at which the restriction was received, began, ended and was lifted, each with that word."""
+        """The moments (ns) at which the restriction was received, began, ended and was lifted, with a word for each."""
         one = self.restriction
         window = ((one.valid_from_ns, "begins"), (one.valid_until_ns, "ends"))
         inside = [(at_ns, word) for at_ns, word in window if self.told_ns < at_ns < self.lifted_ns]

@@ -92,7 +92,7 @@ class DataTable:
 def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataTable]:
     """The table of a topic, and one more for each list of messages within its messages (such as a journey's stops).
 
-    `zero_ns` is where the column `time_s` begins (ns since 1970).
+    `zero_ns` is the moment at which the column `time_s` is 0 (ns since 1970).
     """
     times = [message_time_ns(one.message) or one.log_time_ns for one in entries]
     head = _times([one.log_time_ns for one in entries], times, zero_ns)

@@ -121,7 +121,7 @@ BUFFER_PERCENT: Final = (-5.0, 25.0)
 """Range of an axis of the buffer (%): at the end of a trip the buffer goes to infinity."""
 
 SAME_STOP_M = 1.0
-"""Largest distance (m) of the ends of plans that lead to one stop."""
+"""Largest distance (m) between the ends of plans that lead to one stop."""
 
 
 def first_plans(table: DriveTable) -> DrivenCourse | None:

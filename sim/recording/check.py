@@ -54,7 +54,7 @@ LATE_AFTER_S = 1.0
 SLOW_AFTER_S = 1.0
 """Computing time (s) above which advice comes only when the next advice is due."""
 LONGEST_GAP_S = STALE_AFTER_S
-"""Longest gap (s) of the positions with advice; in a longer one the node withdraws it and the display goes dark."""
+"""Longest gap (s) of the positions with advice; in a longer one the node withdraws the advice: a blank display."""
 GAP_INTERVALS = 2.5
 """Number of usual intervals without a message from which a topic slower than once a second has a gap."""
 CYCLIC = (topics.POSITION, topics.CONTROL, topics.ADVICE, topics.STATUS, topics.TRUTH, topics.CAB)
@@ -101,7 +101,7 @@ def find(recording: Recording) -> Iterator[CheckFinding]:
         if not recording.of(topic):
             yield CheckFinding(CheckKind.NO_TOPIC, f"there is no message on the topic {topic.name}")
     yield from _gaps(recording)
-    for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):  # each has one sender
+    for topic in (topics.POSITION, topics.CONTROL, topics.ADVICE):  # each topic has one sender
         time_ns = times_of(recording, topic)
         text = f"{topic.name}: {{}} messages have an earlier time than the one before"
         yield from _counted(CheckKind.DISORDER, text, np.diff(time_ns) < 0, time_ns[1:])

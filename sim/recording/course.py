@@ -297,7 +297,7 @@ def arrival_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) ->
 
 
 def departure_ns(trip: DrivenCourse, stand: StandingTime, error_m: float = 0.0) -> int:
-    """The time (ns since 1970) at which the train left a stand; 0 if it stood to the last. Mirrors `arrival_ns`."""
+    """The time (ns since 1970) at which the train left a stand, as `arrival_ns`; 0 if it stood to the last sample."""
     return _edge_ns(trip, stand.last + 1, stand.last, error_m)
 
 

@@ -116,7 +116,7 @@ class AttachedFiles:
         if bundled is not None:
             return load(bundled), identity, "bundled"
         why = f" ({tried[-1]})" if tried else ""
-        raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither in it nor bundled{why}")
+        raise DasError(f"{self._path}: its {kind[:-1]} {identity!r} is neither attached nor bundled{why}")
 
     def _put(self, hashed: str, loss_map: str = "") -> Path:
         """Write an attached file and, at the paths that it names, the attached loss maps and effort curves."""
@@ -197,7 +197,7 @@ def inputs_of(recording: Recording) -> DriveInputs:
         words = node_words(run)
         if "--loss-map" in words:
             if not files.has("loss_map"):
-                raise DasError(f"{recording.path}: its node was given a loss map (--loss-map), which is not in it")
+                raise DasError(f"{recording.path}: its node was given a loss map (--loss-map), which is not attached")
             vehicle = vehicle.with_loss_map(read_loss_map(files.place("loss_map")))
     if "--point-mass" in words:
         vehicle = replace(vehicle, train_length_m=0.0)

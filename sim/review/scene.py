@@ -1,7 +1,7 @@
-"""The scene of a review: all data that a review draws of a drive, computed once, as plain data.
+"""The scene of a review: all data of a drive that a review shows, computed once, as plain data.
 
 Two renderers draw it: `rerun_drawing` for the viewer, and `report.figures` for a page. Names, units and the meaning of
-colours are defined here and in `sim.drive.series`; a renderer decides on their places.
+colours are defined here and in `sim.drive.series`; the layout is up to each renderer.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ MEANINGS: Final = {
     EventKind.WITHDRAWAL: Meaning.NO_ADVICE,
     EventKind.LAPSE: Meaning.NO_ADVICE,
 }
-"""Meanings of the colours of marks and bookmarks; other kinds have the colour of the ink."""
+"""Meanings of the colours of marks and bookmarks; other kinds have the text colour."""
 
 LEAST_KWH: Final = 0.05
 """Least cost (kWh) of a span in the lane of costs."""
@@ -81,13 +81,13 @@ STATES: Final = {
     "waiting": Meaning.NO_ADVICE,
 }
 WAY: Final = "stops"
-"""The name of the lane of the train's place: at a stop, or on the way to one."""
+"""Name of the lane that shows where the train is: at a stop, or on the way to one."""
 COST: Final = "driving cost"
-"""The name of the lane of the driving's cost above the optimum."""
+"""Name of the lane that shows the energy used above the optimum."""
 MODE_LANES: Final = ("advised", "shown")
 """The names of the lanes of the modes that the node advised, and of those that the display showed."""
 STANDING: Final = (das_pb2.MODE_STOP, das_pb2.MODE_DEPART)
-"""The modes of a train that stands, which even a display without modes may show."""
+"""The modes of a standing train; a display without driving modes may show both."""
 
 
 class Change(NamedTuple):
@@ -105,7 +105,7 @@ class Lane(NamedTuple):
     colors: Mapping[str, str | Meaning]
 
     def color(self, state: str, theme: Theme) -> str:
-        """The colour of a state; one that is not known is grey."""
+        """The colour of a state; an unknown state is grey."""
         found = self.colors.get(state, Meaning.NO_ADVICE)
         return theme.of[found] if isinstance(found, Meaning) else found
 
@@ -159,7 +159,7 @@ def _states(state_of: Callable[..., str], time_ns: Times, *columns: Any) -> list
 def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span]) -> tuple[Change, ...]:
     """The changes of state during the trip, with an empty state from the moment when the node's messages cease.
 
-    Messages from before and after the trip are left out, because in a replay their times are of another clock.
+    Messages from before and after the trip are left out, because in a replay they are stamped by another clock.
     """
     unheard = [Change(span.start_ns, "") for span in silent if span.text == NOT_HEARD and said]
     found: list[Change] = []
@@ -171,7 +171,7 @@ def _changes(trip: DrivenCourse, said: Sequence[Change], silent: Iterable[Span])
 
 
 def lane_of_stops(stops: Sequence[AtStop]) -> Lane:
-    """The lane of the train's place: standing at a stop, or on the way to the next."""
+    """The lane that shows where the train is: standing at a stop, or on the way to the next."""
     changes, colors = [], {}
     for stop, following in pairwise([*stops, None]):
         assert stop is not None
@@ -195,7 +195,7 @@ def _spans(trip: DrivenCourse, spans: Iterable[Span]) -> tuple[Change, ...]:
 
 
 def _name(kind: Any, number: int) -> str:
-    """The value of an enumeration in words; a value that is not known yet is shown as its number."""
+    """The value of an enumeration in words; a value unknown to this version is shown as its number."""
     if number not in kind.values():
         return str(number)
     name = kind.Name(number).split("_", 1)[1].replace("_", " ").lower()
@@ -236,7 +236,7 @@ class Mark(NamedTuple):
     meaning: Meaning | None
 
     def color(self, theme: Theme) -> str:
-        """The colour of the mark; the colour of the ink if the mark has no meaning."""
+        """The colour of the mark; the text colour if the mark has no meaning."""
         return theme.ink if self.meaning is None else theme.of[self.meaning]
 
 
@@ -254,7 +254,7 @@ class Trace(NamedTuple):
 
 
 class RestrictedTime(NamedTuple):
-    """The span of time (ns since 1970) of the train's head on a temporary restriction, and its limit (m/s)."""
+    """The time (ns since 1970) of the train's head within a temporary restriction; the restriction's limit (m/s)."""
 
     start_ns: int
     end_ns: int
@@ -268,7 +268,7 @@ class ReviewScene:
     drive: Drive
     series: Found
     placed: tuple[Trace, ...]
-    """Series with their own positions; other series lie at the position of the train at their times."""
+    """Series with positions of their own; all others are plotted at the train's position at the time of each value."""
     lanes: tuple[Lane, ...]
     bookmarks: tuple[Mark, ...]
     """The events of the drive that are worth a look, and people's notes, in order of time."""
@@ -277,7 +277,7 @@ class ReviewScene:
 
     @classmethod
     def of(cls, drive: Drive) -> ReviewScene:
-        """The scene of a drive, with its energy attribution if that is known; DasError without any position."""
+        """The scene of a drive, with its energy attribution if that is known; DasError if it has no position."""
         table, attribution = drive.table, drive.energy.attribution
         trip, (filled, filled_from) = table.course, filled_in(drive.energy)
         lost = {} if attribution is None else attribution_series(attribution)
@@ -312,7 +312,7 @@ class ReviewScene:
 
     @property
     def lanes_in_words(self) -> tuple[Lane, ...]:
-        """The lanes; the display's lane has its words ("hold 120") instead of modes, if it said how to drive."""
+        """The lanes; the display's lane has its words ("hold 120") instead of modes, if it showed how to drive."""
         said = instructions(self.drive)
         return tuple(said if one.name == said.name and said.changes else one for one in self.lanes)
 
@@ -345,7 +345,7 @@ class ReviewScene:
         return (min(ends), max(ends)) if ends else None
 
     def restricted_times(self) -> Iterator[RestrictedTime]:
-        """The span of time of the train's head on each restriction that it came to."""
+        """The time of the train's head within each restriction that it reached."""
         trip = self.trip
         for limit in self.drive.temporary_limits:
             one = limit.restriction
@@ -356,7 +356,7 @@ class ReviewScene:
 
 
 def _placed(drive: Drive) -> Iterator[Trace]:
-    """The first plan, and the excess of the train's speed over the speed shown to keep."""
+    """The first plan, and the train's speed minus the speed shown to the driver."""
     trip, plan, shown = drive.table.course, first_plans(drive.table), drive.energy.shown
     if plan is not None:
         within = (plan.s_m >= trip.s_m.min()) & (plan.s_m <= trip.s_m.max())
@@ -391,7 +391,7 @@ def meaning_of(cause: EnergyCause) -> Meaning:
 
 
 class CostSpan(NamedTuple):
-    """A span of time (ns since 1970), with the energy above the optimum (J) that a single cause took in it."""
+    """A span of time (ns since 1970), with the energy above the optimum (J) that one cause cost in this span."""
 
     start_ns: int
     end_ns: int
@@ -405,7 +405,7 @@ class CostSpan(NamedTuple):
 
 
 def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
-    """The lane of the driving's cost: for each span worth showing, its cause and energy; none without spans."""
+    """The lane of energy above the optimum: cause and energy of each span worth showing; no lane without spans."""
     changes: list[Change] = []
     colors: dict[str, str | Meaning] = {}
     for span in (span for leg in attribution.legs for span in spans_of(leg)):
@@ -436,7 +436,7 @@ def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
 
 
 def attribution_series(attribution: Attribution) -> Found:
-    """Over time: energy above the optimum by all causes, the part by driving other than advised, and the optimum."""
+    """Over time: energy above the optimum by all causes, the part by not following the advice, and the optimum."""
     rises = [
         (int(leg.leg.motion.time_ns[leg.committed.sample][rise.last]), rise.cause, rise.energy_j)
         for leg in attribution.legs

@@ -1,4 +1,4 @@
-"""A recording to look at in the rerun viewer, or as a file for it with our own layout.
+"""Shows a recording in the rerun viewer, or writes it as a rerun file with this project's layout.
 
 Rerun need not be installed: modules that use it are imported when needed.
 """
@@ -30,7 +30,7 @@ CLOSING_S: Final = 5.0
 
 
 def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
-    """Write a recording as a rerun file, with our layout; the display is in the given language.
+    """Write a recording as a rerun file, with this project's layout; the display is in the given language.
 
     Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
     """
@@ -43,7 +43,7 @@ def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) ->
 
 
 def open_view(drive: Drive, language: Language = Language.EN) -> None:
-    """Show a recording in a rerun viewer and wait until it is closed; Ctrl-C and SIGTERM close it, too.
+    """Show a recording in a rerun viewer and wait until the viewer is closed; Ctrl-C and SIGTERM close it as well.
 
     The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is
     no display.
@@ -78,7 +78,7 @@ def _check_installed(*names: str) -> None:
 
 def _check_display() -> None:
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise DasError("no display to open a viewer on: write the view to a file with --save FILE.rrd instead")
+        raise DasError("no display is available for the viewer: write the view to a file with --save FILE.rrd instead")
 
 
 def _free_port() -> int:
@@ -94,7 +94,7 @@ def viewer_command(file: Path) -> list[str]:
 
 
 def viewer_environment() -> dict[str, str]:
-    """The environment of the viewer. Setting `CI` is the only way to stop it from sending usage data in one run."""
+    """The environment of the viewer. Setting `CI` is the only way to stop it from sending usage data for one run."""
     kept = {key: value for key, value in os.environ.items() if key != "FORCE_RERUN_ANALYTICS"}
     return {"RUST_LOG": "error", **kept, "CI": "1"}
 
@@ -111,7 +111,7 @@ def run_viewer(file: Path) -> None:
 
 
 def close(viewer: subprocess.Popen[bytes]) -> None:
-    """End the viewer if it still runs, with the program that started it: both are one process group."""
+    """End the viewer if it still runs, and its launcher, which is in the same process group."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         if viewer.poll() is None:
             os.killpg(viewer.pid, number)

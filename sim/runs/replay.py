@@ -77,7 +77,7 @@ def check_timing(options: ReplayOptions) -> None:
         if value is not None and not 0 <= value < LONGEST_S:
             raise DasError(f"{name} {value:g}: expected seconds >= 0, less than a day")
         if value is not None and options.journey is not None:
-            raise DasError(f"{name} {value:g}: expected none with --journey, which has the times")
+            raise DasError(f"{name} {value:g}: not allowed with --journey, which has the times")
     if options.running_time_s is not None and options.running_time_s <= 0:
         raise DasError(f"--running-time {options.running_time_s:g}: expected a running time > 0 s")
 
@@ -136,7 +136,7 @@ def _call(journey: Journey, stop: str) -> Call:
         if call.name == stop:
             return call
     names = ", ".join(call.name for call in journey.calls)
-    raise DasError(f"{journey.source}: {stop}: expected a stop there, where the trip begins or ends (it has: {names})")
+    raise DasError(f"{journey.source}: {stop}: expected a stop there, where the trip begins or ends (journey: {names})")
 
 
 TICK_S = 1.0

@@ -40,8 +40,8 @@ TIMETABLE_FIGURES = (
 class TripEnergies:
     """The energies of a replayed trip and of the optimum with the same arrivals, leg by leg.
 
-    `energy` and `likely` are the ranges of the energy as driven and of the energy above the optimum; it is None if trip
-    and optimum cannot be compared.
+    `energy` and `likely` are the ranges of the energy as driven and of the energy above the optimum; `likely` is None
+    if trip and optimum cannot be compared.
     """
 
     legs: tuple[ComparedLeg, ...]

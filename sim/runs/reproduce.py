@@ -1,4 +1,4 @@
-"""Reproduces a recording: the cab of this version gets the recorded messages; its answers are compared with the old.
+"""Reproduces a recording: this cab gets its messages again, and the answers are compared with the recorded ones.
 
 The cab is rebuilt from the options of the recording's node; a what-if sends its own messages to such a cab.
 """
@@ -236,7 +236,7 @@ class Rehearing:
             self._hear(one)
 
     def _hear(self, one: RecordedMessage) -> None:
-        if one.topic is EFFORT and not self.calibrates:  # such a node does not receive it
+        if one.topic is EFFORT and not self.calibrates:  # a node without calibration does not receive it
             return
         if one.topic in STATES:
             self._kept[one.topic.name] = one

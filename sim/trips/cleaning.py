@@ -20,7 +20,7 @@ from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
 
 MAX_BACKWARD_M: Final = 30.0
-"""Length (m) up to which steps back are noise; after a longer one the train has turned, or it is a jump."""
+"""Length (m) up to which steps back are noise; a longer step is a turn of the train, or a jump."""
 STRAY_WEIGHT: Final = 3.0
 """Cost of each point left out between two points that only just fit each other. Without it, the chain of positions
 could change to a wrong part of the record and back, as if the train braked and accelerated as hard as it can."""
@@ -29,8 +29,8 @@ LEAST_KEPT_RATIO: Final = 0.5
 STALL_HALF_WINDOW_S: Final = 15.0
 """Longest time (s) until the positions of a receiver that stalled have caught up again."""
 WRONG_SPEED_MPS: Final = 4.0
-"""Largest difference (m/s) of a right speed from the speed of the positions; beyond it and `WRONG_SPEED_RATIO` it is
-wrong. A delay of 3 s at 1 m/s² explains less."""
+"""Difference (m/s) from the speed of the positions above which a speed is wrong, if it also exceeds
+`WRONG_SPEED_RATIO`. A delay of 3 s at 1 m/s² explains less."""
 JUMP_M: Final = 50.0
 """Largest distance (m) of a position from the place that its neighbours give; beyond it the position is a jump, if no
 change of speed explains it."""
@@ -39,7 +39,7 @@ CHANGE_MPS2: Final = 1.0
 STEPS_AROUND: Final = 5
 """Steps on either side whose median is the speed of the positions around a point."""
 FROZEN_RATIO: Final = 0.5
-"""Least distance to the next position if a repeated one was wrong, as a share of the distance from reported speeds."""
+"""Least distance to the next position that makes a repeated one wrong, as a share of that by reported speeds."""
 LATE_S: Final = 5.0
 """Delay (s) that reported speeds may have, which makes their integral uncertain."""
 SCALE_RATIO: Final = 0.02
@@ -60,7 +60,7 @@ EDGE_MPS: Final = 1.0
 EDGE_MPS2: Final = 1.5
 """Change of speed (m/s²) that counts as a jump."""
 SAME_MPS: Final = 0.05
-"""Largest difference (m/s) from the previous speed of one that repeats it."""
+"""Largest difference (m/s) between two speeds of which the second counts as a repetition of the first."""
 GAP_S: Final = 5.0
 """Least duration (s) of a gap, if it is also longer than `GAP_STEPS` usual intervals."""
 GAP_STEPS: Final = 3.0
@@ -280,7 +280,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:
-    """Whether reported speeds lead 50 m past the last position, and positions before moved at half that or more."""
+    """Whether reported speeds lead 50 m past the last position, and earlier positions moved at least half as fast."""
     before = max(last_good - STEPS_AROUND, 0)
     if before == last_good:
         return False

@@ -144,7 +144,7 @@ def candidates(text: str) -> list[tuple[str, Vehicle]]:
 
 
 def _in_folder(folder: Path) -> list[str]:
-    """The vehicle files of a folder; empty if it is none. Files of other kinds are left out."""
+    """The vehicle files of a folder; empty if the path is no folder. Files of other kinds are left out."""
     if not folder.is_dir():
         return []
     marks = {".toml": "[vehicle]", ".json": '"rolling resistance r0"'}
@@ -156,7 +156,7 @@ def _in_folder(folder: Path) -> list[str]:
 
 
 def find_train(trip: Trip, vehicles: Sequence[tuple[str, Vehicle]]) -> tuple[FoundTrain, ...]:
-    """Try trains, each with the name that the user gave it, on a trip; possible ones first, the likeliest first of all.
+    """Try trains, each with the name that the user gave it, on a trip; possible ones first, by decreasing likelihood.
 
     Trains that do not differ in their motion are tried once. Raises DasError if the trip is too short.
     """
@@ -166,7 +166,7 @@ def find_train(trip: Trip, vehicles: Sequence[tuple[str, Vehicle]]) -> tuple[Fou
 
 
 def shares(found: Iterable[FoundTrain]) -> dict[str, float]:
-    """The probability of each possible train if one of them drove and none was likelier beforehand, by first name."""
+    """The probability of each possible train (by its first name) if one of them drove and all were equally likely."""
     possible = [one for one in found if one.possible]
     if not possible:
         return {}
@@ -294,8 +294,8 @@ class _WindowFit(NamedTuple):
     def of(cls, window: TrainWindow, train: Vehicle) -> _WindowFit:
         """The density of the acceleration (per m/s²) as a mixture of the acts of drivers.
 
-        Coasting has no force, full traction all of it; a driver who holds a speed hardly accelerates; anything else
-        lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
+        Coasting has no force, full traction the full effort; a driver who holds a speed hardly accelerates; anything
+        else lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
         """
         means, a = window.means, window.means.acceleration_mps2
         carried_kg = RATIOS.mass * train.mass_kg

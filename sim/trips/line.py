@@ -22,8 +22,8 @@ COLUMNS: Final = {
 }
 """The quantities in a list of kilometre posts, and the possible names of their columns."""
 MAX_CROSS_TRACK_M: Final = 200.0
-"""Largest distance (m) from the line of a point on it. Lines through kilometre posts cut curves: by 62 m at 2 km
-radius."""
+"""Largest distance (m) from the line of a point that counts as on the line. Lines through kilometre posts cut curves:
+by 62 m at 2 km radius."""
 SCALE_TOLERANCE_RATIO: Final = 0.01
 """Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3

@@ -33,7 +33,7 @@ RECORD_STANDS_MPS: Final = 1.0 * KMH
 WANDER_M: Final = 30.0
 """Largest wander (m) of the positions of a standing train, equal to `MAX_BACKWARD_M`."""
 AT_PLATFORM_M: Final = 300.0
-"""Largest distance (m) from a stop of a train that stands at it: platforms are long, and maps inexact."""
+"""Largest distance (m) from a stop at which a train stands at the stop: platforms are long, and maps inexact."""
 LEAST_MOVED_M: Final = 30.0
 """Extent (m) that the positions of a trip must exceed: noise alone may spread them over so many metres."""
 LONGEST_GAP_S: Final = 300.0

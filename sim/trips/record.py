@@ -287,7 +287,7 @@ def _columns(path: Path, names: tuple[str, ...]) -> dict[str, tuple[int, str]]:
     for index, name in enumerate(names):
         for quantity, accepted in COLUMNS.items():
             if name in accepted and quantity in found:
-                raise InputError(path, "line 1", name, f"one column of {quantity} only, there is {found[quantity][1]}")
+                raise InputError(path, "line 1", name, f"only one column of {quantity}, like {found[quantity][1]}")
             if name in accepted:
                 found[quantity] = (index, name)
     unknown = [name for name in names if not any(name in accepted for accepted in COLUMNS.values())]
@@ -445,7 +445,7 @@ class CellTable(NamedTuple):
         except csv.Error as error:
             raise DasError(f"{path}: not a usable CSV file ({error})") from error
         if len(rows) != len(lines):
-            raise DasError(f"{path}: a quoted cell goes over several lines, expected one line a row")
+            raise DasError(f"{path}: a quoted cell spans several lines, expected one line per row")
         rows = [[cell.strip() for cell in row] for row in rows]
         if any(is_number(cell) for cell in rows[0]):
             return cls(path, what, names, rows, 1, separator)

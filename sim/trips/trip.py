@@ -31,7 +31,7 @@ from sim.trips.record import Reading, Record, read_trip, reading_of
 SHORTEST_STAND_S: Final = 5.0
 """Shortest stand (s) on the way that is reported: at 1 Hz a shorter one may be a single slow point."""
 WHOLE_TRIP_M: Final = 100.0
-"""Largest distance (m) from the stops at which a trip starts and ends that is the whole section."""
+"""Largest distance (m) of a trip's ends from the stops with which the trip still covers the whole section."""
 FASTEST_MPS: Final = 400.0 * KMH
 """Highest speed (m/s) of a trip; a record with a higher speed is rejected."""
 
@@ -187,7 +187,7 @@ def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
 def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
     if record.on_route:
         if posts is not None:
-            raise DasError(f"--posts {posts}: expected none, {record.source} has positions on the route")
+            raise DasError(f"--posts {posts}: not needed, {record.source} has positions on the route")
         return None
     return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 

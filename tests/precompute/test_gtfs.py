@@ -199,7 +199,7 @@ def test_a_stop_between_others_may_lack_its_times_and_its_coordinates(tmp_path: 
         (
             changed("trips", ("n102", "n101")),
             TripChoice(trip="n101"),
-            r"expected one trip; 2 have this number: 101, 102",
+            r"expected a trip_id or --date, because 2 trips have this number: 101, 102",
         ),
         (changed("stop_times", ("4:34:00", "4:20:00")), TripChoice(trip="101"), r"expected times that do not fall"),
         (changed("stop_times", ("4:34:00", "half past")), TripChoice(trip="101"), r"expected a time like 25:10:00"),

@@ -103,7 +103,7 @@ def test_a_stop_without_coordinates_needs_a_route(feed: Path) -> None:
     trip = trip_of(feed)
     bare = replace(trip, stops=(trip.stops[0], trip.stops[1]._replace(latitude_deg=np.nan), *trip.stops[2:]))
     assert len(placed(bare, feed_route()).stops) == 4
-    with pytest.raises(DasError, match=r"Bad Über Station has no coordinates in stops\.txt: expected some, or --route"):
+    with pytest.raises(DasError, match=r"Bad Über Station has no coordinates in stops\.txt: expected coordinates, or"):
         placed(bare, None)
 
 

@@ -245,7 +245,7 @@ BAD_CSV = [
     (CSV.replace("[km/h]", ""), "header of column 1 = 'v': expected a speed"),
     (CSV.replace("[kN]", "[kW]", 1), r"column 2 = 'F \[kW\]': expected a force"),
     ("0,200\n160,60\n", "no header, so that the units are not known; say --units"),
-    (CSV.replace("brake", "F"), "header = 'v,F,F': expected a name of its own for each column"),
+    (CSV.replace("brake", "F"), "header = 'v,F,F': expected a different name for each column"),
     (CSV.replace("50;200", "50;fast"), "line 3 = '50,fast,150': expected 3 numbers"),
     (CSV.replace("160;", "40;"), "rising speeds"),
 ]

@@ -373,8 +373,8 @@ class CauseStretch(NamedTuple):
 def worst_stretches(attribution: Attribution, cause: EnergyCause, most: int) -> list[CauseStretch]:
     """The stretches, `most` at most, on which a cause took most energy above the optimum, the worst first.
 
-    A stretch consists of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. One that took less
-    than `LEAST_PART` of what the worst took is left out.
+    A stretch consists of the neighbouring places beyond `DENSE_CAUSE` times the drive's average. A stretch with less
+    than `LEAST_PART` of the energy of the worst is left out.
     """
     taken = [leg.by_place(cause) for leg in attribution.legs]
     usual_j = DENSE_CAUSE * max(float(np.concatenate(taken).mean()), 0.0) if taken else 0.0

@@ -192,7 +192,7 @@ def _speed_is(number: int, mode: int) -> SpeedIs:
 
 
 APART_MPS: Final = 2.0 / 3.6
-"""Least deviation (m/s) from the advised speed of a speed that is against the advice: displays show whole km/h, drivers
+"""Least deviation (m/s) from the advised speed that counts as against the advice: displays show whole km/h, drivers
 keep within one or two."""
 SAME_MPS: Final = 1.0 / 3.6
 """Least shortfall (m/s) below the advised speed for which a train may need more effort than advised."""
@@ -300,7 +300,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
 
 
 def _by_best(now: Moment) -> EnergyCause:
-    """The cause if no advice was shown: the difference of the effort from the optimal trajectory's from here on."""
+    """The cause if no advice was shown: the difference of the effort from that of the optimum from here on."""
     if math.isnan(now.best_ratio):
         return EnergyCause.REST
     more = now.driven_ratio - now.best_ratio

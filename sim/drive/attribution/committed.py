@@ -32,7 +32,7 @@ from sim.recording.course import Floats
 from sim.recording.inputs import DriveInputs
 
 LATE_S = 0.1
-"""Largest lateness (s) against the wanted time of a trajectory that counts."""
+"""Largest lateness (s) against the wanted time of a trajectory that is accepted."""
 
 Told = frozenset[Restriction]
 
@@ -116,11 +116,11 @@ class Knowledge:
 
 
 MOST_CUTS = 4000
-"""Largest number of moments of a drive for which the optimum from there is found: one a second for about an hour."""
+"""Largest number of moments of a drive whose remaining optimum is computed: one a second for about an hour."""
 
 
 MISSED_S = 10.0
-"""Largest lateness (s) of a train that counts as on time; a later one has hurried without success."""
+"""Largest lateness (s) of a train that counts as on time; a later train has hurried without success."""
 HURRYING = (EnergyCause.AS_ADVISED, EnergyCause.TOO_MUCH_EFFORT)
 """Causes that become lateness if the driver hurried for an arrival that the train then missed."""
 

@@ -41,7 +41,7 @@ from sim.trips.estimate import (
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 
 EQUAL_MPS: Final = 0.5
-"""Largest difference (m/s) of two speeds that count as equal from a common speed."""
+"""Largest difference (m/s) from a common speed at which two speeds count as equal."""
 LEAST_PART_M: Final = 1000.0
 """Least length (m) of a part between equal speeds for an assessment of the drive."""
 LEAST_WAY_M = 100.0

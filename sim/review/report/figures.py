@@ -77,7 +77,7 @@ def _lost(axis: Any, trace: Trace) -> None:
 
 
 def _restrictions(axis: Any, scene: ReviewScene) -> None:
-    """Draw the temporary restrictions that the train came to, in the colour of the limit, dashed."""
+    """Draw the temporary restrictions that the train reached, in the colour of the limit, dashed."""
     for number, one in enumerate(scene.restricted_times()):
         ends_km, at_kmh = scene.km_at(np.array([one.start_ns, one.end_ns])), np.full(2, kmh(one.limit_mps))
         axis.plot(ends_km, at_kmh, color=LIGHT.background, linewidth=2.2, zorder=2.6)

@@ -229,7 +229,7 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """The place of a cause's energy; for a restriction, its stretch, though energy is lost from its announcement."""
+    """The place of a cause's energy; for a restriction, its stretch, though energy is lost from the announcement on."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,

@@ -1,6 +1,6 @@
-"""The new simulation of a recorded run: its scenario, with timetable, disturbances and seed, and the driver.
+"""Prepares the new simulation of a recorded run: scenario (timetable, disturbances, seed) and driver.
 
-The scenario of a drive without a simulator is made from its messages. Its file is only attached to the new recording.
+The scenario of a drive that was not simulated is made from its messages; the file is attached to the new recording.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from sim.world.scenario import EPOCH, LONGEST_DWELL_S, SCHEMA_VERSION, Scenario,
 from sim.world.service import Day, make_day, prepare_service, with_disturbances
 
 LEAST_DELAY_S: Final = 1.0
-"""Lateness (s) of a departure below which it was on time."""
+"""Least lateness (s) of a departure that counts as a delay."""
 
 
 def attached_scenario(origin: Origin) -> Scenario:
@@ -81,7 +81,7 @@ def _file(origin: Origin, kind: str, name: str) -> str:
 
 
 def _vehicle(origin: Origin, prefix: str, name: str) -> str:
-    """A vehicle by its name, if bundled vehicle and loss map equal the recorded ones; else the attached file."""
+    """A vehicle by its name, if the bundled one and its loss map equal the recorded ones; else the attached file."""
     files = origin.files
     if name in catalogue("vehicles") and all(
         sha256(path) == files.sha256(f"{prefix}{kind}") for kind, path in vehicle_files(name).items()
@@ -101,12 +101,12 @@ def scenario_of_drive(origin: Origin, node: str | None) -> Scenario:
     """A scenario made from a drive without a simulator: line, train, stops, late departures and restrictions.
 
     `node` is the command line of the recording's node, if the recording does not hold it. Causes of delay between
-    stops, resistance, wind and rail are not recorded. Raises DasError if line or train is not known.
+    stops, resistance, wind and adhesion are not recorded. Raises DasError if line or train is not known.
     """
     given = node_given(origin.contents, origin.train, origin.folder, node)
     options = given.options()
     if options.driven.point_mass:
-        raise DasError(f"{origin.path}: was advised with --point-mass: expected --vehicle with a length of 0")
+        raise DasError(f"{origin.path}: was advised with --point-mass: in --node, give a --vehicle of length 0 instead")
     tables, path = _tables(origin, options), origin.folder / "scenario" / f"{_id(origin)}.toml"
     put(path, "\n".join(_as_toml(tables)).encode())
     scenario, driven = scenario_of(Fields.of(path, tables)), options.driven
@@ -129,7 +129,7 @@ def _tables(origin: Origin, options: NodeOptions) -> dict[str, Any]:
         "schema_version": SCHEMA_VERSION,
         "scenario": {
             "id": _id(origin),
-            "title": f"The day of {origin.path.name}, driven anew",
+            "title": f"Simulation of {origin.path.name} with changes",
             "route": _bare(line.route),
             "vehicle": _bare(driven.vehicle),
             **({"load": load} if load else {}),
@@ -172,7 +172,7 @@ def _dwell_s(stops: Any) -> float:
 
 
 def _delay(call: KeptCall, dwell_s: float) -> DepartureDelay | None:
-    """The delay of a departure, if it was later than timetable and dwell after the arrival allow; else None."""
+    """The delay of a departure, if the train left later than timetable and dwell required; else None."""
     if not call.departed_ns or not call.due_departure_ns:
         return None
     ready_ns = max(call.due_departure_ns, call.arrived_ns + round(dwell_s / NS) if call.arrived_ns else 0)
@@ -181,7 +181,7 @@ def _delay(call: KeptCall, dwell_s: float) -> DepartureDelay | None:
 
 
 def _restrictions(origin: Origin, table: DriveTable) -> Iterator[AnnouncedRestriction]:
-    """Each restriction that the node received, announced at the train's position at the first reception by the node."""
+    """Each restriction that the node received, announced where the train was at the first reception."""
     first_m, last_m = origin.journey.stops[0].s_m, origin.journey.stops[-1].s_m
     known: set[Restriction] = set()
     departure_ns = origin.journey.stops[0].departure_ns
@@ -201,7 +201,7 @@ def _restrictions(origin: Origin, table: DriveTable) -> Iterator[AnnouncedRestri
 
 
 def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
-    """A restriction without an end of its window on another day; None if it does not hold on this one."""
+    """A restriction without those ends of its validity that lie outside the day; None if it is not valid that day."""
     from_s, until_s = one.valid_from_s or 0.0, one.valid_until_s
     if from_s > LONGEST_DWELL_S or (until_s is not None and until_s <= 0):
         return None
@@ -211,7 +211,7 @@ def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
 
 
 BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
-"""Braking of human drivers in recordings that are older than the choice of a `FrictionPolicy`."""
+"""Braking of human drivers in recordings from before a `FrictionPolicy` could be chosen."""
 
 
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
@@ -221,7 +221,7 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[
     recorded messages, and the driver is a simulated one with seed 0.
     """
     if WHAT_IF in origin.run:
-        raise DasError(f"{origin.path}: is a what-if itself: expected {origin.run.get(OF)}, with all changes at once")
+        raise DasError(f"{origin.path}: is a what-if: start from {origin.run.get(OF)}, with all changes in one command")
     scenario = attached_scenario(origin) if origin.is_simulated else scenario_of_drive(origin, node)
     how = _how(origin, new)
     driver_versions(how.driver)
@@ -237,7 +237,7 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[
 
 
 def drive_again(day: Day, how: How, out: Path, progress: HeardAgain) -> None:
-    """Simulate the run into a recording, with node and recorder as processes; DasError if that is impossible."""
+    """Simulate the run into a recording, node and recorder as separate processes; DasError if that is impossible."""
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
 
@@ -288,7 +288,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT
-    # Of a real drive the energy is an estimate with motors that brake first; the new run keeps these brakes.
+    # The energy of a real drive is estimated with the electric brake first; the new run brakes in the same way.
     missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
@@ -300,7 +300,7 @@ def _how(origin: Origin, new: Otherwise) -> How:
             screen=recorded_screen(run),
         )
     except ValueError as error:
-        raise DasError(f"{origin.path}: how it was driven is not known to this version ({error})") from None
+        raise DasError(f"{origin.path}: this version does not know its display or friction policy ({error})") from None
 
 
 def _participant(origin: Origin, new: Otherwise, driver: DriverName) -> Participant | None:
@@ -317,14 +317,14 @@ def _participant(origin: Origin, new: Otherwise, driver: DriverName) -> Particip
         return participant_of(driver, None, driven.population)
     population = load_population(DEFAULT if driven.population is None else driven.population)
     if driven.population is None and sha256(population.source) != recorded.get("sha256"):
-        raise DasError(f"{origin.path}: its driver is of the population {recorded.get('id')!r}: expected --population")
+        raise DasError(f"{origin.path}: name the file of its population {recorded.get('id')!r} (--population)")
     return Participant(population=population, number=int(number))
 
 
 def _check_stops(origin: Origin, names: list[str]) -> None:
     recorded = [stop.name for stop in origin.journey.stops]
     if names != recorded:
-        raise DasError(f"{origin.path}: its journey calls at {', '.join(recorded)}, the line has {', '.join(names)}")
+        raise DasError(f"{origin.path}: it calls at {', '.join(recorded)}; the scenario, at {', '.join(names)}")
 
 
 def _restricted(day: Day, new: Otherwise) -> Day:

@@ -167,7 +167,7 @@ def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dic
 
 
 class AdviceApart(NamedTuple):
-    """The differences in advice of two recordings: common moments, differing moments, and the first place (m)."""
+    """The differences in advice of two recordings: common moments, differing moments, the first differing place (m)."""
 
     moments: int
     differing: int

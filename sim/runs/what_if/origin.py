@@ -59,7 +59,7 @@ class Origin:
 
     @property
     def journey(self) -> Any:
-        """The journey (message) that the train was on at the end."""
+        """The journey (message) of the train at the end."""
         return self.recording.of(topics.JOURNEY)[-1].message
 
     @property

@@ -238,6 +238,6 @@ def test_the_commands_say_it_in_one_line(copied: Path, tmp_path: Path) -> None:
     for command in ("verify", "show"):
         done = das_precompute(tmp_path, command, ".")
         assert done.returncode == (1 if command == "verify" else 0)
-        assert "old: a table of an earlier release, which no longer serves; remove it and build it again" in done.stdout
+        assert "old: a table of an earlier release, which is not supported; remove it and build it again" in done.stdout
         assert "table.json: method = 0: expected 1; build the table again" in done.stdout
         assert done.stderr == ""

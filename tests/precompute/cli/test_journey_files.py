@@ -79,7 +79,7 @@ def test_check_warns_of_what_no_train_can_do_and_of_stops_beside_their_places(fo
     )
     done = das_precompute(folder, "show", "odd.toml", "--route", "line.toml")
     assert done.returncode == 1
-    assert "warning: no dwell_s at Bad Über: plans stop there for no time" in done.stderr
+    assert "warning: no dwell_s at Bad Über: plans assume stops of 0 s there" in done.stderr
     assert "warning: no intermediate stop has a time" in done.stderr
     assert 'warning: Bad Über: the stop of this name is at km 4.000 of made, not at km 4.200; stop = "Bad Über"' in (
         done.stderr

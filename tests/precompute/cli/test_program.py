@@ -167,7 +167,7 @@ REFUSED = {
         "train.json: no data for level l3 (it has l0-noreg, l0-reg, own); give a loss map with --loss-map"
     ),
     f"{FRONT} --buffers 0,x": "--buffers 0,x: expected numbers separated",
-    f"{FRONT} --exact --plot a.png": "--plot a.png: draws the solver's front, not together with --exact",
+    f"{FRONT} --exact --plot a.png": "--plot a.png: draws the solver's front only, and cannot be combined with --exact",
     f"{FRONT} --plot a.gif": "a.gif: expected a file name that ends in .png, .pdf or .svg",
     f"{FRONT} --exact --buffers nan": "buffer nan %: expected a number from 0",
     f"{FRONT} --exact --out no/front.csv": "no/front.csv: no such folder no",

@@ -113,7 +113,7 @@ def test_stations_may_come_from_a_table_beside_the_map(folder: Path) -> None:
     tracks = [one for one in made_map()["features"] if one["geometry"]["type"] == "LineString"]
     written(folder / "bare.geojson", collection(*tracks))
     words = ("route", "import", "bare.geojson", "--from", "Anfang", "--to", "ende", "--flat", "-o", "my.toml")
-    assert "names no stations at all: give Anfang=LATITUDE,LONGITUDE" in refused(folder, *words)
+    assert "the file has no stations: give Anfang=LATITUDE,LONGITUDE" in refused(folder, *words)
     (folder / "stations.csv").write_text(
         "name;lat;lon\nAnfang;48,0001;8,0001\n;48,002942;8,051239\nEnde;48.035068;8.168777\n", encoding="utf-8"
     )

@@ -260,5 +260,5 @@ def test_no_track_near_a_station_and_the_same_station_twice(tmp_path: Path) -> N
     content = collection(feature(east(0, 6)), *STATIONS)
     with pytest.raises(DasError, match=r"no track within 400 m of Up: the nearest is 1\d\.\d km away"):
         imported(tmp_path, content, ("Up=48.1,8.0", "B"))
-    with pytest.raises(DasError, match="are one place of the tracks"):
+    with pytest.raises(DasError, match="are the same place on the tracks"):
         imported(tmp_path, content, ("A", "a"))

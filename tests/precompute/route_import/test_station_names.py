@@ -88,5 +88,5 @@ def test_what_is_not_found_is_said_with_the_names_there_are(wanted: str, message
 
 
 def test_a_map_without_stations_says_what_to_do() -> None:
-    with pytest.raises(DasError, match="names no stations at all: give Melk=LATITUDE,LONGITUDE, or add a file"):
+    with pytest.raises(DasError, match="the file has no stations: give Melk=LATITUDE,LONGITUDE, or add a file"):
         stations_named(map_with(), "Melk")

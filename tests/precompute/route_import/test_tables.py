@@ -86,7 +86,7 @@ def test_curves_tunnels_and_neutral_sections(tmp_path: Path) -> None:
     ]  # fmt: skip
     with pytest.raises(DasError, match="positions with lengths, expected cross_section_m2 as well"):
         line(tmp_path, {"limits.csv": LIMITS, "zones.csv": "position_km,length_m\n3,80\n"}, flat=True)
-    for again, message in (("curves.csv", "both have curves"), ("tunnels.csv", "the second table of tunnels")):
+    for again, message in (("curves.csv", "both have curves"), ("tunnels.csv", "a second table of tunnels")):
         with pytest.raises(DasError, match=message):
             line(tmp_path, {**files, f"more-{again}": files[again]}, flat=True)
     half = "position_km,radius_start_m\n1,500\n"
@@ -152,14 +152,14 @@ def test_a_stop_in_the_middle_of_a_segment_ends_the_geometry_there(tmp_path: Pat
     ("files", "message"),
     [
         ({"s.csv": ON_THE_CIRCLE}, r"s\.csv: line 2 position is missing: expected a position, or a table of lat"),
-        ({"c.csv": half_circle(), "d.csv": half_circle()}, r"c\.csv, .*d\.csv: each has a course, expected one"),
+        ({"c.csv": half_circle(), "d.csv": half_circle()}, r"c\.csv, .*d\.csv: each may be the course, expected"),
         (
             {"c.csv": half_circle(), "s.csv": "name,lat,lon\nWest,47,7.934262\nFar,47.1,8\n"},
             r"line 3 latitude, longitude = '\d+ m from the course .*expected at most 500 m",
         ),
         (
             {"c.csv": half_circle(), "s.csv": "name,lat,lon\nEast,47,8.065738\nTop,47.044973,8\n"},
-            "line 3 latitude, longitude = '7.* m from the course behind the row before",
+            "line 3 latitude, longitude = '7.* m from the course after the previous row",
         ),
         ({"c.csv": half_circle(), "s.csv": "position_km,name\n0,A\n,B\n9,C\n"}, "line 3 position is missing"),
     ],
@@ -245,7 +245,7 @@ def test_a_part_may_begin_before_its_geometry_and_end_where_the_line_began(tmp_p
         ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: map distance to the next point"),
         ("position_km,limit_kmh\n,80\n", "line 2 position is missing: expected a position"),
         ("position_km,limit_kmh\n0,80\n2.5e-12,90\n", "length of the line = '2.5e-09 m': expected 1 m or more"),
-        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "latitude and longitude, and there are two places or more"),
+        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "and at least two different places"),
     ],
 )
 def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:

@@ -112,7 +112,7 @@ BAD_PLANS: dict[str, tuple[str, str]] = {
     "unknown stop": (HEAD + ROUTE + 'stops = ["A", "Q"]\n' + TRAIN, r"routes\[0\].stops = 'Q'"),
     "one stop": (HEAD + ROUTE + 'stops = ["A"]\n' + TRAIN, "expected at least two stops"),
     "stops backwards": (HEAD + ROUTE + 'stops = ["B", "A"]\n' + TRAIN, "stops = 'A': expected a stop after 'B'"),
-    "stop twice": (HEAD + ROUTE + 'stops = ["A", "A"]\n' + TRAIN, "expected a list of different texts"),
+    "stop twice": (HEAD + ROUTE + 'stops = ["A", "A"]\n' + TRAIN, "expected a list of distinct texts"),
     "unknown vehicle": (HEAD + ROUTE + TRAIN.replace("re460-ic", "x"), r"trains\[0\].vehicle = 'x'"),
     "unknown load": (BASE + 'loads = ["x"]\n', r"trains\[0\].loads = 'x': .*no load"),
     "unknown level": (BASE + 'levels = ["l9"]\n', r"trains\[0\].levels = 'l9': expected one of"),

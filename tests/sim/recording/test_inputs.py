@@ -46,7 +46,7 @@ def test_a_name_does_not_lead_out_of_the_private_folder(name: str, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["..toml", "ro\0ute.toml", f"{'long' * 100}.toml", "folder/...toml"])
 def test_a_name_that_no_file_can_have_is_refused(name: str, tmp_path: Path) -> None:
-    with pytest.raises(DasError, match="its route 'own' is neither in it nor bundled"):
+    with pytest.raises(DasError, match="its route 'own' is neither attached nor bundled"):
         attached(tmp_path, (name, b"[route]")).find("routes", "own", load_route)
 
 
@@ -99,5 +99,5 @@ def test_an_effort_curve_outside_the_private_folder_is_not_opened(name: str, tmp
 def test_a_path_in_place_of_a_name_is_not_opened(tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_bytes(catalogue("routes")["flat-6km"].read_bytes())
-    with pytest.raises(DasError, match="is neither in it nor bundled"):
+    with pytest.raises(DasError, match="is neither attached nor bundled"):
         attached(tmp_path).find("routes", str(own), load_route)

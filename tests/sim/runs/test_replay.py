@@ -272,7 +272,7 @@ def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: 
     path.write_text(calls)
     with pytest.raises(DasError, match="M: expected a time of arrival"):
         plan_timing(elsewhere, job.legs, asked)
-    with pytest.raises(DasError, match="--delay 5: expected none with --journey"):
+    with pytest.raises(DasError, match="--delay 5: not allowed with --journey"):
         check_timing(replace(asked, delay_s=5.0))
 
 

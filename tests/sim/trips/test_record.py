@@ -159,7 +159,7 @@ BAD_FILES = {
     "header alone": (HEAD, "trip of 0 lines, expected at least 2 lines"),
     "too few columns": (PLAIN + "59.5,16.2,0", "line 4 = '59.5,16.2,0': expected 4 columns"),
     "blank line": (PLAIN + "\n" + PLAIN, "line 4 = '': expected 4 columns"),
-    "quoted line break": (PLAIN + '59,16,"1\n",5\n', "a quoted cell goes over several lines"),
+    "quoted line break": (PLAIN + '59,16,"1\n",5\n', "a quoted cell spans several lines"),
     "open quote": (PLAIN + '59,16,"1,5', "not a usable CSV file (unexpected end of data)"),
     "text after a header": (HEAD + every(1, "east"), "line 2 longitude = 'east': expected a number"),
     "nan": (every(2, "inf"), "line 1 speed = 'inf': expected a finite number"),
@@ -191,7 +191,7 @@ BAD_FILES = {
     ),
     "two of a kind": (
         "lat,latitude_deg,lon,time_s\n1,1,2,3\n",
-        "line 1 = 'latitude_deg': expected one column of latitude",
+        "line 1 = 'latitude_deg': expected only one column of latitude",
     ),
     "mark": (
         "position_m,time_s,speed_from_positions\n1,2,3\n2,3,0\n",

@@ -374,7 +374,7 @@ def test_what_no_train_runs_is_refused(tmp_path: Path) -> None:
 
 def test_posts_are_refused_where_positions_are_on_the_route(tmp_path: Path) -> None:
     posts = dirt.long_posts(tmp_path)
-    with pytest.raises(DasError, match=r"^--posts .*posts\.csv: expected none, .* has positions on the route$"):
+    with pytest.raises(DasError, match=r"^--posts .*posts\.csv: not needed, .* has positions on the route$"):
         on_route(tmp_path, clean(), route(), positions=True, posts=posts)
     assert on_route(tmp_path, clean(), route(), positions=True).direction_known
 

@@ -186,7 +186,7 @@ def test_a_day_driven_again_keeps_the_losses_of_its_train_and_is_compared_with_i
 
 def test_a_what_if_is_not_driven_again(tmp_path: Path) -> None:
     path = with_run(FOLDER / "clear-day.mcap", tmp_path / "day.mcap", what_if="driven anew", what_if_of="first.mcap")
-    with pytest.raises(DasError, match=r"day.mcap: is a what-if itself: expected first.mcap, with all changes at once"):
+    with pytest.raises(DasError, match=r"day.mcap: is a what-if: start from first.mcap, with all changes in one"):
         day_again(origin_of(path), Otherwise())
 
 
