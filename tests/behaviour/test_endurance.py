@@ -67,7 +67,9 @@ def test_a_node_drives_for_hours_without_growing(capsys: pytest.CaptureFixture[s
     with capsys.disabled():
         told = f"{len(late_s)} journeys, {second / 3600:.2f} h: memory {early:.0f} … {max(memory_mb):.0f} MB, advice"
         print(f"\n{told} p50 {1e3 * np.median(waited_s):.1f}, p99 {1e3 * np.percentile(waited_s, 99):.1f} ms")
-    assert max(np.abs(late_s)) <= 5.0
+    # The reserve for what a person loses brings this train early; the node learns that it loses nothing.
+    assert max(late_s) <= 5.0
+    assert -15.0 <= late_s[0] < late_s[-1]
     assert memory_mb[-1] - early <= GROWTH_MB
 
 
@@ -130,4 +132,6 @@ def test_a_follower_on_late_days_arrives_in_time_for_the_least_energy(
         )
     assert np.percentile(excess, 95) <= 0.005
     assert max(excess) <= 0.01
-    assert max(np.abs(late_s)) <= 5.0
+    # The reserve for what a person loses brings this train early; the node learns that it loses nothing.
+    assert max(late_s) <= 5.0
+    assert -15.0 <= late_s[0] < late_s[-1]
