@@ -88,8 +88,7 @@ def run_time(step, top, cap, line_n, tunnel, supply, start, w0, p):  # type: ign
 
 
 @kernel
-# type: ignore[no-untyped-def]
-def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):
+def cap_for_time(step, top, line_n, tunnel, supply, start, w0, wanted, fastest_mps, slowest_mps, halvings, p):  # type: ignore[no-untyped-def]
     """The top speed (m/s) with which the trip from node `start` takes the wanted time (s), by bisection."""
     low = slowest_mps
     high = fastest_mps

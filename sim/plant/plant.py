@@ -259,8 +259,7 @@ def train_numbers(vehicle: Vehicle, level: Level | None = None) -> TrainNumbers:
         drawn_w,
         vehicle.comfort_power_w,
     )
-    # type: ignore[call-arg, arg-type]
-    return TrainNumbers(*map(float, numbers), _points(vehicle.traction), _points(electric))
+    return TrainNumbers(*map(float, numbers), _points(vehicle.traction), _points(electric))  # type: ignore[call-arg, arg-type]
 
 
 def _points(effort: EffortEnvelope) -> Floats:

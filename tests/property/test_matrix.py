@@ -31,7 +31,7 @@ FIRST = int(os.environ.get("DAS_MATRIX_FIRST", "0"))
 QUICK = [Cell("platform30", "re460-ic", Who.OBEDIENT, 0), Cell("short900", "CH_Stadler_FLIRT_TPF", Who.OBEDIENT, 0),
          Cell("brow", "no-electric", Who.OBEDIENT, 0), Cell("brow", "no-electric", Who.HUMAN, 0)]  # fmt: skip
 """The cells of the default run: a limit just before a stop, short sections, a brow."""
-NIGHT = 100
+NIGHT = 3 * len(PAIRS)
 
 
 def tiers() -> list[Any]:

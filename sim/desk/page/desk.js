@@ -363,15 +363,17 @@ function paint() {
     left: left < 300 && left > -200 ? left : null,
     missed: left < -hello.at_stop_m,
   });
-  if (phase !== "watching") draw.lever($("lever"), {
-    words,
-    ratio: lever.ratio,
-    advised: advice?.effort,
-    notches: hello.notches,
-    most: show.efforts(cab.speed_mps),
-    given: cab.look && cab.force_el_n != null ? [cab.force_el_n, cab.force_friction_n] : null,
-    braked: cab.interlock === SILENCE,
-  });
+  if (phase !== "watching") {
+    draw.lever($("lever"), {
+      words,
+      ratio: lever.ratio,
+      advised: advice?.effort,
+      notches: hello.notches,
+      most: show.efforts(cab.speed_mps),
+      given: cab.look && cab.force_el_n != null ? [cab.force_el_n, cab.force_friction_n] : null,
+      braked: cab.interlock === SILENCE,
+    });
+  }
   draw.way($("ahead"), {
     s,
     v,

@@ -159,11 +159,19 @@ export class Session {
 
   item(one) {
     const { kind, id } = one, values = (one.most - one.least) / one.step + 1;
-    const field = kind === "text" ? this.text(one)
-      : kind === "choice" ? this.radios(one, one.options.map((words, i) => [`${i + 1}`, words]))
-      : values > MOST_RADIOS ? this.slider(one)
+    const field = kind === "text"
+      ? this.text(one)
+      : kind === "choice"
+      ? this.radios(one, one.options.map((words, i) => [`${i + 1}`, words]))
+      : values > MOST_RADIOS
+      ? this.slider(one)
       : this.radios(one, Array.from({ length: values }, (_, i) => Array(2).fill(`${one.least + i * one.step}`)));
-    const ends = make("div", { className: "ends", id: `ends-${id}` }, make("span", {}, one.low), make("span", {}, one.high));
+    const ends = make(
+      "div",
+      { className: "ends", id: `ends-${id}` },
+      make("span", {}, one.low),
+      make("span", {}, one.high),
+    );
     const fault = make("p", { className: "fault", id: `fault-${id}`, attr: { role: "alert" } });
     const optional = one.needed ? [] : [make("i", {}, ` (${this.words.optional})`)];
     return make(
@@ -188,7 +196,11 @@ export class Session {
   // A slider has no thumb before its first answer, so that its resting place suggests none.
   slider({ id, least, most, step, text, low, high }) {
     const given = this.answers[id], middle = least + step * Math.floor((most - least) / step / 2);
-    const attr = { "aria-label": `${text} ${low} – ${high}`, "data-set": given != null, "aria-valuetext": given ?? "–" };
+    const attr = {
+      "aria-label": `${text} ${low} – ${high}`,
+      "data-set": given != null,
+      "aria-valuetext": given ?? "–",
+    };
     const box = make("input", { type: "range", min: least, max: most, step, value: given ?? middle, attr });
     const shown = make("output", {}, given ?? "–");
     const set = () => {
@@ -206,7 +218,12 @@ export class Session {
   }
 
   text({ id, text }) {
-    const node = make("textarea", { rows: 3, maxLength: 500, value: this.answers[id] ?? "", attr: { "aria-label": text } });
+    const node = make("textarea", {
+      rows: 3,
+      maxLength: 500,
+      value: this.answers[id] ?? "",
+      attr: { "aria-label": text },
+    });
     node.oninput = () => {
       clearTimeout(this.writing?.timer);
       this.writing = { item: id, node, timer: setTimeout(() => this.flush(), SETTLES_MS) };

@@ -218,7 +218,9 @@ export class Shown {
     const words = this.words, { stands, before, waits } = this.standing(cab), signal_m = cab.signal_m - cab.s_m;
     if (braked) return [words.braked, ""];
     if (wasBraked) return [words.was_braked, words.was_braked_why];
-    if (waits) return [words.wait, `${this.hello.watched ? words.departs : words.wait_why} ${this.clock(cab, cab.departure_s)}`];
+    if (waits) {
+      return [words.wait, `${this.hello.watched ? words.departs : words.wait_why} ${this.clock(cab, cab.departure_s)}`];
+    }
     if (cab.signal_m != null && signal_m > 0) return [words.signal, `${words.soon} ${distance(signal_m, this.lang)}`];
     if (this.over) return [words.too_fast, `${words.limit} ${kmh(this.limit(cab))} km/h`];
     if (stands && !before) return [words.stopped, ""];

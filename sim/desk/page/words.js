@@ -184,7 +184,11 @@ const ROWS = {
   ],
   press: ["press", "drücken", "appuyer"],
   pedal: ["press when asked", "auf Aufforderung drücken", "appuyer sur demande"],
-  detection: ["press when a white disc appears", "drücken, wenn ein weisser Kreis erscheint", "appuyer quand un disque blanc apparaît"],
+  detection: [
+    "press when a white disc appears",
+    "drücken, wenn ein weisser Kreis erscheint",
+    "appuyer quand un disque blanc apparaît",
+  ],
   play: ["Play", "Abspielen", "Lecture"],
   pause: ["Pause", "Pause", "Pause"],
   before: ["Previous bookmark", "Vorheriges Lesezeichen", "Signet précédent"],
