@@ -61,13 +61,16 @@ class WatchAsked:
 
 @dataclass(frozen=True, kw_only=True)
 class SessionLooks:
-    """Options for the language and the address of the page."""
+    """Options for the language, the address and the streams of the page."""
 
     language: Annotated[Language, typer.Option("--language", help="The language of the page.")] = Language.EN
     opens: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser, or only print the address.")] = True
     port: Annotated[
         int, typer.Option("--port", metavar="PORT", min=0, max=65535, help="Port of the page (0: a free one).")
     ] = 0
+    lsl: Annotated[
+        bool, typer.Option("--lsl", help="Also stream lever, marks and cab over LSL, to the whole local network.")
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,9 +84,6 @@ class DeskLooks(SessionLooks):
     punctuality: Annotated[
         bool, typer.Option("--punctuality/--no-punctuality", help="Show on the page how late the train is.")
     ] = True
-    lsl: Annotated[
-        bool, typer.Option("--lsl", help="Also stream lever, marks and cab over LSL, to the whole local network.")
-    ] = False
 
 
 def desk(
@@ -118,10 +118,7 @@ def desk(
     factor = pace_factor(pace)
     if factor is None:
         raise DasError(f"--pace {pace}: a person needs a pace: expected real or a multiple of real time")
-    if looks.lsl:
-        from sim.desk.lsl import lsl_library
-
-        lsl_library()
+    check_lsl(looks)
     _drive_at_desk(what, asked, recorded, factor, looks, as_json=as_json)
 
 
@@ -196,7 +193,8 @@ def _drive_at_desk(
     given = DeskGiven(
         door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey, train=asked.train,
         language=str(looks.language), page=page, connect=() if files else tuple(places),
-        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus, lsl=looks.lsl,
+        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus,
+        lsl=asked.train if looks.lsl else "",
     )  # fmt: skip
     how = How(
         driver=DESK, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,
@@ -216,6 +214,14 @@ def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor:
         warm_up()
     day = prepared_day(read, asked)
     return drive_recorded(day, ExternalDriver(day, times_real=factor, patience=AT_THE_DESK), how, out, factor)
+
+
+def check_lsl(looks: SessionLooks) -> None:
+    """Raise DasError if streams over LSL are asked for, but the library is missing."""
+    if looks.lsl:
+        from sim.desk.lsl import lsl_library
+
+        lsl_library()
 
 
 def _check_packages() -> None:

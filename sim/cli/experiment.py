@@ -18,7 +18,7 @@ from das.command_line.printing import busy, loading_solver, new_table, paragraph
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from precompute.workers import Workers
-from sim.cli.desk import SessionLooks, show_page
+from sim.cli.desk import SessionLooks, check_lsl, show_page
 from sim.cli.options import (
     AdviceListOption,
     DriversOption,
@@ -78,6 +78,7 @@ def desk(
     folder holds trials.csv and recordings, as for simulated drivers, answers.csv, and a journal for each participant.
     """
     check_packages("desk", "starlette", "uvicorn", "websockets", "msgspec", "markdown_it")
+    check_lsl(looks)
     with loading_solver():
         from sim.experiment.checking import checked_in
         from sim.experiment.design import DESIGN_JSON, load_design
@@ -96,7 +97,9 @@ def desk(
     if there := [path for path in tables if path.exists()]:
         raise DasError(f"{there[0]}: exists without a design: expected a new folder, or one of this design")
     checked_in(asked, out)
-    sitting = Sitting(design=asked, folder=out, who=who, language=str(looks.language), command=typed_command())
+    sitting = Sitting(
+        design=asked, folder=out, who=who, language=str(looks.language), command=typed_command(), lsl=looks.lsl
+    )
 
     def tell(page: str, watch: str) -> None:
         show_page(page, opens=looks.opens)

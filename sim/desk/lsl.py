@@ -60,11 +60,18 @@ def lsl_library() -> Any:
 
 
 class StreamedBus(Bus):
-    """A session on the bus whose messages, sent and received, are also sent over LSL, if a stream is made from them."""
+    """A session on the bus whose messages, sent and received, are also sent over LSL, if a stream is made from them.
+
+    The streams are named `das-NAME-lever` and so on; their `name` is that of the train or the participant.
+    """
+
+    def __init__(self, name: str, *given: Any, **more: Any) -> None:
+        super().__init__(*given, **more)
+        self._name = name
 
     def __enter__(self) -> Bus:
         self._lsl = lsl_library()
-        self._outlets = {topic: self._outlet(f"das-{self.train}-{one.name}", one) for topic, one in STREAMS.items()}
+        self._outlets = {topic: self._outlet(f"das-{self._name}-{one.name}", one) for topic, one in STREAMS.items()}
         return super().__enter__()
 
     def publish(self, topic: Topic, message: Message) -> None:

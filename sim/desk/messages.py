@@ -141,8 +141,8 @@ def recorded_settings(recording: Recording) -> PageSettings:
 class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
     """The settings passed to the server of a run: door (a listening socket), token, scenario, and page settings.
 
-    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file. `lsl`: the drive is
-    also streamed over LSL.
+    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file. `lsl` is the name
+    in the drive's streams over LSL; without one, nothing is streamed.
     """
 
     door: int
@@ -154,7 +154,7 @@ class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
     connect: tuple[str, ...] = ()
     bus: str | None = None
     insecure_bus: bool = False
-    lsl: bool = False
+    lsl: str = ""
     page: PageSettings = PageSettings()
 
 

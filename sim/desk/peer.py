@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -178,7 +179,7 @@ class Peer:
         """Receive from the bus until the run is over, or until this session is closed."""
         given = self._given
         file = None if given.bus is None else bus_options(Path(given.bus), given.insecure_bus, None, None)
-        joins = StreamedBus if given.lsl else Bus
+        joins = partial(StreamedBus, given.lsl) if given.lsl else Bus
         with joins(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
             with self._lock:
                 self._bus = bus

@@ -86,13 +86,17 @@ _markdown: Final = MarkdownIt("commonmark", {"html": False})
 
 @dataclass(frozen=True, kw_only=True)
 class Sitting:
-    """A participant (from 1) of a design, the study's folder, the language of the page, and the typed command."""
+    """A participant (from 1) of a design, the study's folder, the language of the page, and the typed command.
+
+    `lsl`: the trials are also streamed over LSL, under the pseudonym.
+    """
 
     design: Design
     folder: Path
     who: int
     language: str
     command: str
+    lsl: bool = False
 
     @property
     def name(self) -> str:
@@ -114,7 +118,10 @@ class RunningTrial:
         scenario, places = setting.read_scenario(), [endpoint(port) for port in free_ports(2)]
         line = lay_out(scenario)
         hello = hello_of(line, scenario.departure_ns, sitting.language, page) | {"session": True}
-        given = DeskGiven(door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places))
+        given = DeskGiven(
+            door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places),
+            lsl=sitting.name if sitting.lsl else "",
+        )  # fmt: skip
         self._row = sitting.own / "trial.json"
         self._row.unlink(missing_ok=True)
         settings = TrialGiven(

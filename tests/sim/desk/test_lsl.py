@@ -31,9 +31,9 @@ def test_what_the_desk_sends_and_receives_arrives_at_inlets_with_the_time_of_its
     ours, theirs = (endpoint(port) for port in free_ports(2))
     with (
         Bus("T1", listen=theirs, hear=[ACTION, MARK]) as run,
-        StreamedBus("T1", listen=ours, connect=[theirs], hear=[CAB, CONTROL]) as desk,
+        StreamedBus("P07", "T1", listen=ours, connect=[theirs], hear=[CAB, CONTROL]) as desk,
     ):
-        inlets = {name: inlet(lsl, f"das-T1-{name}") for name in ("lever", "marks", "cab")}
+        inlets = {name: inlet(lsl, f"das-P07-{name}") for name in ("lever", "marks", "cab")}
         now_ns, now_s = time.time_ns(), lsl.local_clock()
         moved_ns = now_ns - 150_000_000
         action = das_pb2.Action(number=3, device=das_pb2.Action.DEVICE_WHEEL, lever_ratio=-0.4, browser_ns=moved_ns)
