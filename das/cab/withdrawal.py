@@ -163,7 +163,7 @@ class LastWords:
 def words_of(act: Act) -> str:
     """The text about a part of the advice that the last word replaced."""
     value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
-    bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the highest allowed"
+    bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
     if math.isfinite(act.instead_n):
         instead = f"{act.instead_n / KN:.0f} kN is advised instead"
     elif math.isfinite(act.instead_mps):

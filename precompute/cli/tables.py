@@ -30,9 +30,10 @@ LEGEND = """\
 least s: the least running time; refs: finished references for the cab.
 kWh: net energy at the current collector of the first and of the last run of the
   front, which is mostly the one of least energy.
-gap %: largest excess of the energy of a run over the least possible, of the runs for which the build proved it. –: none
-was proven. refined: by how much the refinement lowered the energy of the runs, on average in %. –: they were not
-refined."""
+gap %: largest excess of a run's energy over the least possible, of the runs
+  for which the build proved it. –: none was proven.
+refined: by how much the refinement lowered the energy of the runs, on average
+  in %. –: they were not refined."""
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
 

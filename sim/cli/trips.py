@@ -155,10 +155,10 @@ def bundled_recording() -> Path:
 DRIVER: Final = "sim.bundled.recorded_driver:RecordedDriver"
 """The driver of the bundled recording, who can also drive with the guide."""
 HANGS_ON: Final = (
-    "Without advice this driver ignores the timetable. The driver follows the guide and brakes with the motors "
-    "first. Drivers who keep to the timetable save less (docs/explanation/guide-figures.md)."
+    "This driver follows the guide, brakes with the motors first, and ignores the timetable without advice; "
+    "drivers who keep to it save less (docs/explanation/guide-figures.md)."
 )
-"""Sentences on the conditions on which the figures of the result depend."""
+"""A sentence on the conditions on which the figures of the result depend."""
 LOOK_AGAIN_S: Final = 0.2
 """Interval (s) at which the progress of the drive with the guide is shown."""
 

@@ -337,7 +337,7 @@ def test_the_list_of_scenarios(folder: Path) -> None:
             ["clear-day", "--advice", "all"],
             "Invalid value for '--advice': Value error, 'all' is not one of 'none', 'deviation', 'top-speed',",
         ),
-        (["clear-day", "--pace", "fast"], "--pace fast: expected max, real or a number"),
+        (["clear-day", "--pace", "fast"], "--pace fast: expected max, real or a multiple of real time"),
         (["clear-day", "--out", "no/where.mcap"], "no such folder"),
         (["clear-day", "--out", "x.mcap", "--in-process"], "--out x.mcap: a run --in-process records nothing"),
         (["clear-day", "--driver", "desk"], "--driver desk: a person drives at the desk: run das-sim desk clear-day"),

@@ -497,7 +497,7 @@ def test_the_cab_says_it_once_counts_it_every_time_and_sends_what_is_safe(monkey
     assert cab.legs.last_words.acts == {Part.DISPLAY_SPEED: 5}
     said = [line for line in driven.sink.events().splitlines() if line.startswith("last word: ")]
     assert said == [
-        "last word: displayed speed: 288.0 km/h where 161.8 km/h is the highest allowed; 160.0 km/h is advised instead",
+        "last word: displayed speed: 288.0 km/h where 161.8 km/h is the most; 160.0 km/h is advised instead",
     ]
 
 

@@ -146,7 +146,7 @@ BAD_MAPS = {
     "unknown unit": (MAP.replace("_kmh", "_knots"), r"column 1 = 'speed_knots': expected speed_mps or speed_kmh"),
     "wrong order": (MAP.replace("force_n,loss_w", "loss_w,force_n"), r"column 2 = 'loss_w': expected force_n or force"),
     "text": (MAP.replace("36,0,1036", "36,zero,1036"), r"line 6 = '36,zero,1036': expected 3 numbers"),
-    "NaN": (MAP.replace("36,0,1036", "36,0,nan"), r"line 6 = '36,0,nan': expected finite numbers; leave out"),
+    "NaN": (MAP.replace("36,0,1036", "36,0,nan"), r"line 6 = '36,0,nan': expected finite numbers; omit"),
     "negative loss": (MAP.replace("36,0,1036", "36,0,-7"), r"loss at 36 km/h, 0 N = -7.0: expected a finite loss >= 0"),
     "duplicate": (MAP + "36,0,9\n", r"line 11 = .*: expected each speed and force only once"),
     "duplicate after a blank line": (MAP + "\n\n36,0,9\n", r"line 13 = .*: expected each speed and force only once"),

@@ -251,7 +251,7 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     listed = in_a_process("precompute.cli", "show", "tables", cwd=tmp_path)
     assert listed.returncode == 0
     assert re.search(r"slow +2\.0 +\d.*\n +A – B +\n +re460-ic, l3 *\n", listed.stdout)
-    assert "gap %: by how much at most" in listed.stdout
+    assert "gap %: largest excess of a run" in listed.stdout
     assert max(map(len, listed.stdout.splitlines())) <= 80
     size_mb = sum(row["size_bytes"] for row in shown) / 1e6
     assert 0.005 < size_mb < 0.5

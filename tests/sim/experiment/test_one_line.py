@@ -268,7 +268,7 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
     done = das_sim(*RUN, *ASKED, "-o", "a", cwd=folder)
     for text in (
         "8 runs, ",
-        "made now",
+        "simulated now",
         "late, perfect,",
         "speed-and-effort",
         "written: a/trials.csv",
