@@ -37,6 +37,8 @@ from das.domain.files.writing import write_whole
 
 MOST_NOTCHES = 20
 """Largest number of steps of the desk's lever in each direction."""
+LEAST_DRIVERS = 40
+"""Fewest simulated drivers from whom a fit takes how a statistic depends on the parameters."""
 LATE_KERNELS = "sim.world.late_kernels"
 """Module run in parallel with a command that compiles: it compiles the kernels needed last in a simulated run."""
 PostsOption = Annotated[

@@ -30,7 +30,7 @@ from sim.cli.options import (
     tell_written,
 )
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
-from sim.options import PageFiles, PopulationOption, typed_command
+from sim.options import LEAST_DRIVERS, PageFiles, PopulationOption, typed_command
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
@@ -310,15 +310,15 @@ def fit(
     design: Annotated[
         Path | None, typer.Option("--design", metavar="FILE", help="The study's design, if it names files beside it.")
     ] = None,
-    drivers: Annotated[int, typer.Option("--drivers", min=40, help="Number of simulated drivers.")] = 80,
+    drivers: Annotated[int, typer.Option("--drivers", min=LEAST_DRIVERS, help="Number of simulated drivers.")] = 80,
     workers: WorkersOption = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit a population of drivers to the recordings of a study, for --population and designs.
+    """Fit a population of drivers to the recordings of at least six people, for --population and designs.
 
     Simulated drivers, whose parameters are spread over ranges, drive the same trials; the fit is the population
-    that drives as the people did. A parameter that the recordings do not tell keeps its default, with the reason.
+    that drives as the people did. A parameter that the recordings do not reveal keeps its default, with the reason.
     """
     check_packages("experiment", "scipy")
     from sim.experiment.people.fitting import fit as fitted

@@ -42,7 +42,7 @@ def run(words: list[str], folder: Path) -> str:
         "recordings/replay-…-guide.mcap": str(guided),
     }
     arguments = [named.get(one, one) for one in arguments]
-    if arguments[0] == "view" and "--save" not in arguments:  # a machine that tests has no display
+    if arguments[:1] == ["view"] and "--save" not in arguments:  # a machine that tests has no display
         arguments += ["--save", "seen.rrd"]
     assert program in ("das-sim", "das-precompute"), words
     done = das_sim(*arguments, cwd=folder) if program == "das-sim" else das_precompute(folder, *arguments)

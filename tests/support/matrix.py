@@ -291,7 +291,7 @@ BOUNDS: Final = (
     Bound("above a limit, m/s", _OBEDIENT, lambda x: (x.above_limit_mps,), max, 0.5, 0.65),
     Bound("above a braking curve, m/s", _OBEDIENT, lambda x: (x.above_curve_mps,), max, 0.5, 0.65),
     Bound("changes a minute, mean", _OBEDIENT, lambda x: (x.changes_per_min,), mean, 1.7, 1.7),
-    Bound("changes a minute, most", _OBEDIENT, lambda x: (x.changes_per_min,), max, 2.2, 4.6),
+    Bound("changes a minute, most", _OBEDIENT, lambda x: (x.changes_per_min,), max, 2.2, 4.5),
     Bound("announced, mean", _OBEDIENT, lambda x: (x.announced_ratio,), mean, 0.97, 0.97, least=True),
     Bound("brakes led, mean", _OBEDIENT, lambda x: (x.brakes_led_ratio,), mean, 0.97, 0.95, least=True),
     Bound("promises kept, mean", _OBEDIENT, lambda x: (x.promises_kept_ratio,), mean, 0.96, 0.95, least=True),

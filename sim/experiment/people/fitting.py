@@ -32,6 +32,7 @@ from sim.experiment.driving import StudyTrial, drive
 from sim.experiment.people.observing import Samples, notches_of, observed, statistics
 from sim.experiment.study_files import TRIALS_TABLE, participant_number, pseudonym, recording_file
 from sim.experiment.trials import trials_of
+from sim.options import LEAST_DRIVERS
 from sim.recording.course import Floats
 from sim.recording.opening import open_recording
 
@@ -79,8 +80,6 @@ TRIED: Final = (
     Tried("stop_error_m", 0.5, 5.0, "stop"),
 )
 """The parameters that a fit tries, each with its statistic. The ranges are assumptions."""
-LEAST_DRIVERS: Final = 40
-"""Fewest simulated drivers with a statistic from whom its dependence on the parameters is taken."""
 LEAST_PEOPLE: Final = 6
 """Fewest people with a statistic: from fewer, the spread between people is not known well enough for an interval."""
 CLEAR_T: Final = 4.0

@@ -240,7 +240,8 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """The state of this session, and of the others, for the experimenter's page."""
-        now, trial = self.standing, self.standing.step.trial
+        now = self.standing
+        trial = now.step.trial
         cab = None if self.trial is None else self.trial.desk.cab
         return {
             "participant": self.sitting.name, "step": now.step.id, "of": now.of,

@@ -187,11 +187,12 @@ def described(design: Design) -> str:
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
     drives = f"{plan.practice_most} {'drive' if plan.practice_most == 1 else 'drives'}"
     until = f" ({band} for {hold}, or {drives})" if plan.practice_criterion_mps else ""
+    others = f" after {practice - 1} other practice {'trial' if practice == 2 else 'trials'}" if practice > 1 else ""
     said = [
         plan.consent and "consent",
         plan.instructions and "instructions",
         ", ".join(plan.before),
-        practice and f"practice{until}" + f" after {practice - 1} other practice trials" * (practice > 1),
+        practice and f"practice{until}{others}",
         f"{trials} trials" + (f", each with {', '.join(plan.after_trial)}" if plan.after_trial else ""),
         ", ".join(plan.tasks),
         plan.probes and f"{plan.probes} {'probe' if plan.probes == 1 else 'probes'} in each ({plan.probe})",
