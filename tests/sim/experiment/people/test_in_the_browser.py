@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -26,6 +27,9 @@ CHANGES = [
 ]
 LABELS = ("presentation = ", "guide_", "none_", "Does the guide help", "people.toml", "condition")
 
+REACTION_S = 0.12
+"""Time (s) after which a request is answered: an answer before 0.1 s would be an anticipation."""
+
 
 @contextmanager
 def at(design: Path, out: Path, who: str) -> Iterator[tuple[Any, str]]:
@@ -39,6 +43,7 @@ class Person(DeskPage):
 
     def __init__(self, context: Any, address: str) -> None:
         self.seen: list[str] = []
+        self.asked_s: dict[str, float] = {}
         context.on("response", lambda one: self.seen.append(f"{one.url} {one.status}"))
         context.on("console", lambda one: self.seen.append(one.text))
         super().__init__(context, address)
@@ -91,7 +96,9 @@ class Person(DeskPage):
         if state["braked"] == "true":
             self.lever = 0
         for node, key in (("pedal", "v"), ("detection", "d")):
-            if self.page.is_visible(f"#{node}"):
+            if not self.page.is_visible(f"#{node}"):
+                self.asked_s.pop(node, None)
+            elif time.monotonic() - self.asked_s.setdefault(node, time.monotonic()) >= REACTION_S:
                 self.page.keyboard.press(key)
 
 
