@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
 
+from das.domain.errors import InfeasibleError
 from das.domain.journey import Window
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom
 from das.solver.guide.references import LATE_RATIO, NEAR_AT_PLACE_S, NEAR_S, lateness_s
@@ -34,9 +36,14 @@ class _Search:
         self._found: list[tuple[float, GuideRun, Plan]] = []
 
     def late_s(self, *plan: PolicyFrom) -> float:
-        """The lateness (s; early < 0) of the run of a plan."""
+        """The lateness (s; early < 0) of the run of a plan; infinity if only this plan makes the train stall."""
         if plan not in self._known:
-            self._known[plan] = self._front.run(self._state, plan, self._told)
+            try:
+                self._known[plan] = self._front.run(self._state, plan, self._told)
+            except InfeasibleError:
+                if not self._found:
+                    raise
+                return math.inf
         run = self._known[plan]
         self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
         return self._found[-1][0]
@@ -86,17 +93,18 @@ def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list
     return list(known.values())
 
 
-def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
+def _tried(search: _Search, front: GuideFront, first: int, last: int, prices: range | None = None) -> float:
     """Try prices of time, singly and in pairs; returns the higher of the two enclosing prices (W).
 
     The second price begins at a decision node between `first` and `last`.
     """
-    size = len(front.lambda_w)
-    slow, quick = _enclosing(search, front, first)
-    price_w = float(front.lambda_w[min(quick, size - 1)])
-    fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow >= 0 else []
-    fills += [(quick, PolicyFrom(0, number, anew=True)) for number in (max(quick - rungs, 0) for rungs in SLOWER)]
-    for number, then in fills if quick < size else []:
+    prices = front.ladders[0] if prices is None else prices
+    slow, quick = _enclosing(search, prices, first)
+    price_w = float(front.lambda_w[min(quick, prices[-1])])
+    fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow in prices else []
+    slower = (max(quick - rungs, prices[0]) for rungs in SLOWER)
+    fills += [(quick, PolicyFrom(0, number, anew=True)) for number in slower]
+    for number, then in fills if quick in prices else []:
         begin, end = first, last
         while end - begin > 1 and not search.is_near:
             middle = (begin + end) // 2
@@ -105,14 +113,14 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int) -> float:
     return price_w
 
 
-def _enclosing(search: _Search, front: GuideFront, first: int) -> tuple[int, int]:
+def _enclosing(search: _Search, prices: range, first: int) -> tuple[int, int]:
     """Indices of two neighbouring prices: late with the first, early with the second, unless a run is near enough.
 
     By bisection: a higher price does not always give a shorter time, so a search from a guess may find a higher price
     than necessary. For a train that can only be late, the highest price alone is tried.
     """
-    slow, quick = -1, len(front.lambda_w)
-    number = quick // 2 if search.spare_s > 0.0 else quick - 1
+    slow, quick = prices.start - 1, prices.stop
+    number = (prices.start + prices.stop) // 2 if search.spare_s > 0.0 else quick - 1
     while quick - slow > 1 and not search.is_near:
         slow, quick = (number, quick) if search.late_s(PolicyFrom(first, number)) > 0.0 else (slow, number)
         number = (slow + quick) // 2
@@ -139,7 +147,9 @@ def through(front: GuideFront, state: State, time_s: float, at_m: float, window:
         number = plan[0].number
         before = front.until(node, number)
         search = _Search(before, state, aim_s, told, at_m, NEAR_AT_PLACE_S)
-        _tried(search, before, state.first_node, node)
+        for prices in before.ladders:
+            if not search.is_near:
+                _tried(search, before, state.first_node, node, prices)
         off_s, run = search.nearest(not_early=aim_s > passes_s)
         found.append((off_s, run))
     run = min(reversed(found), key=lambda one: max(one[0], NEAR_S))[1]

@@ -61,7 +61,7 @@ SAME_MPS = 1e-6
 MOST_SPEEDS = NO_INSTRUCTION // CODE
 """Largest number of speeds that fit in the number of an instruction."""
 WAITING = 40
-"""Number of negative prices of time, for a train that waits for its window at a point."""
+"""Number of negative prices of time, without a lowest speed, for a train that waits for its window at a point."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,8 +188,15 @@ class GuideFront:
         )  # fmt: skip
         size = 1 + math.ceil(math.log(HIGH_RATIO / LOW_RATIO) / math.log(settings.ladder_ratio))
         self.lambda_w = self.power_w * HIGH_RATIO * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
+        self._least_mps = np.zeros(size)
         self._behind: _Behind | None = None
         self._solved_ahead: _Ahead | None = None
+
+    @property
+    def ladders(self) -> tuple[range, range]:
+        """The numbers of the prices of time, and of those that go with a lowest speed; each from slow to quick."""
+        size = len(self.lambda_w) - np.count_nonzero(self._least_mps)
+        return range(size), range(size, len(self.lambda_w))
 
     @property
     def power_w(self) -> float:
@@ -232,7 +239,8 @@ class GuideFront:
         settings, late_j = self.settings, CHANGE_TIME_S * max(float(self.lambda_w[number]), 0.0)
         change_j = settings.change_s * self.power_w + late_j
         young_j = max(settings.young_s * self.power_w + late_j, change_j)
-        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, BRAKE_CHANGES * change_j)
+        brake_j, least_mps = BRAKE_CHANGES * change_j, float(self._least_mps[number])
+        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, brake_j, least_mps)
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
@@ -309,15 +317,18 @@ class GuideFront:
         """The policies up to a decision node, for a ladder of prices, of a train that follows one price behind it.
 
         The policies use the value of a speed at the node, so they need no rule for accelerating again. Prices may be
-        negative here, because a train that must not be too early at the node gains by being slow.
+        negative here, because a train that must not be too early at the node gains by being slow. Between two of them
+        the time may jump by a minute: from a fast train that coasts to one that brakes and then crawls. The last prices
+        therefore each have a lowest speed, to which such a train brakes.
         """
         ((row_0, policy),) = self._policies([number], node)
         rows, ahead = node - row_0, self._ahead
         behind = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy())
         costs_j = self._swept(node, len(self._grid.limit_mps), self._free(), ahead.moves_from(node), number, behind)
         found = copy(self)
-        waiting = np.geomspace(1.0, LOW_RATIO, WAITING)
-        found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w))
+        waiting, braking = np.geomspace(1.0, LOW_RATIO, WAITING), np.ones_like(self.speeds_mps)
+        found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w, -self.power_w * braking))
+        found._least_mps = np.concatenate((np.zeros(WAITING), self._least_mps, self.speeds_mps))
         found._behind = _Behind(node, behind, costs_j)
         found._solved_ahead, found._lock = ahead._replace(policies={}), Lock()
         return found

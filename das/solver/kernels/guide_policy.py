@@ -82,12 +82,16 @@ class GuideMoves(NamedTuple):
 
 
 class GuidePrices(NamedTuple):
-    """Prices of time (W), of a change, of a change before `STANDS_S`, and of an unnecessary brake (J)."""
+    """Prices of time (W), of a change, of a change before `STANDS_S`, and of an unnecessary brake (J).
+
+    `least_mps` is the lowest speed to which a new instruction may lead, where the limit is not lower.
+    """
 
     time_w: float
     change_j: float
     young_j: float
     brake_j: float
+    least_mps: float
 
 
 class GuidePolicy(NamedTuple):
@@ -323,8 +327,8 @@ def least(begin, end, here, j, m):
 
 
 @compiled(**PART)
-def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
-    """The least cost of a new instruction on a line, and that instruction."""
+def best_instruction(v0, on_curve, speeds, slowest, brake_j, here, j, spans):
+    """The least cost of a new instruction on a line to a speed X from number `slowest` on, and that instruction."""
     down, up = first_above(speeds, v0 - NEAR_MPS), first_above(speeds, v0 + NEAR_MPS)
     near = first_above(speeds, v0 - NEAR_MPS - SAME_MPS), first_above(speeds, v0 + NEAR_MPS + SAME_MPS)
     best, which = _BIG, NO_INSTRUCTION
@@ -334,8 +338,9 @@ def best_instruction(v0, on_curve, speeds, brake_j, here, j, spans):
             begin, end, extra = up, spans[m, 1], 0.0
         elif m == HOLDS:
             begin, end, extra = max(near[0], spans[m, 0]), min(near[1], spans[m, 1]), 0.0
-        elif m == ON_CURVE:
-            end, extra = 1 if on_curve else 0, 0.0
+        begin = max(begin, slowest)
+        if m == ON_CURVE:
+            begin, end, extra = 0, 1 if on_curve else 0, 0.0
         lowest = least(begin, end, here, j, m)
         cost = lowest + extra
         if cost < best:
@@ -383,12 +388,13 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
         i, train = k - first, on_supply(p, grid.line.supply[k])
         envelope, top = grid.envelope_mps[k], grid.envelope_mps[k + 1]
         choice[i], stay[i] = NO_INSTRUCTION, 0
+        slowest = first_above(grid.speeds_mps, min(prices.least_mps, grid.limit_mps[k]) - SAME_MPS)
         for j in range(top_line(envelope, grid.line_mps) + 1):
             v0 = min(j * grid.line_mps, envelope)
             put_costs(k, i, j, v0, grid, train, c, moves, prices.time_w, ahead, here, spans)
             rolls_into = top < v0 - SAME_MPS and moves.landing_mps[i, j, FROM_ABOVE] > top - SAME_MPS
             on_curve = rolls_into or k == n - 1
-            best, which = best_instruction(v0, on_curve, grid.speeds_mps, prices.brake_j, here, j, spans)
+            best, which = best_instruction(v0, on_curve, grid.speeds_mps, slowest, prices.brake_j, here, j, spans)
             if best >= _REACHED:
                 here[j, :, 0], here[j, :, 1] = _BIG, 0.0
                 continue

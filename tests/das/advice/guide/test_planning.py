@@ -41,10 +41,16 @@ def place_m(which: Which, share: float) -> float:
 
 @pytest.mark.parametrize(("which", "buffer_ratio"), crossed(BUNDLED, [0.08, 0.15, 0.3]))
 def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio: float) -> None:
-    """Compared with the optimum for the same braking and time. Measured: 0.2 to 0.7 % more, 3.5 % on 6 km."""
+    """Compared with the optimum for the same braking and time. Measured: 0.2 to 0.7 % more, 3.5 % on 6 km.
+
+    A second of lateness must save three times its price. Measured: late by up to 1.6 s.
+    """
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
-    assert found.forecast.time_s <= wanted.left_s + 1.0
+    late_s = found.forecast.time_s - wanted.left_s
+    assert late_s <= 2.0
+    cost_j = found.forecast.energy_j + 3.0 * found.lambda_w * max(late_s, 0.0)
+    assert cost_j <= 1.04 * least_j(front_of(which), wanted.left_s)
     bound_j = least_j(front_of(which), found.forecast.time_s)
     most = 0.04 if (which, buffer_ratio) == (BUNDLED[0], 0.08) else 0.015
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
@@ -79,8 +85,8 @@ def test_a_train_too_fast_for_the_window_of_a_point_brakes_and_does_not_accelera
     v_mps = 0.95 * float(np.interp(s_m, section.node_m, section.envelope_mps))
     free = Wanted(s_m=s_m, v_mps=v_mps, left_s=asked_s(which, 0.15), point_m=point_m)
     wanted = replace(free, window=Window(earliest_s=slower * (point_m - s_m) / v_mps))
-    found = plan(which, wanted)
-    assert passed_s(found, wanted) >= wanted.window.earliest_s - EARLY_S
+    found, earliest_s = plan(which, wanted), wanted.window.earliest_s
+    assert earliest_s - EARLY_S <= passed_s(found, wanted) <= max(earliest_s + 5.0, passed_s(plan(which, free), free))
     before = section.node_m <= point_m
     assert np.nanmax(found.forecast.speeds_mps[before]) <= v_mps + 0.5
 
