@@ -271,7 +271,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
     The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
     none) lead. If no other position follows, it moved if the positions before show an equally fast motion, because no
-    train stops within one step.
+    train stops within one step. That also shows that it moved where speeds of 0 are reported.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > WRONG_SPEED_MPS
@@ -283,6 +283,15 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
         run = slice(last_good, last + 2)
         told_m = np.trapezoid(np.nan_to_num(speed_mps[run]), time_s[run])
         if along_m[last + 1] - along_m[last] >= max(FROZEN_RATIO * told_m, JUMP_M):
+            frozen[last_good + 1 : last + 1] = True
+    zero = np.append(False, (np.diff(along_m) == 0) & (speed_mps[1:] == 0))
+    for last_good, last in ((first - 1, end - 1) for first, end in stretches_of(zero)):
+        before_s, after_s = (
+            float(time_s[i + 1] - time_s[i]) if 0 <= i < len(time_s) - 1 else np.inf for i in (last_good - 1, last)
+        )
+        came_mps = (along_m[last_good] - along_m[last_good - 1]) / before_s
+        led_m = np.median(along_m[last + 1 : last + 1 + STEPS_AROUND]) - along_m[last] if after_s < np.inf else 0.0
+        if came_mps > WRONG_SPEED_MPS + CHANGE_MPS2 * before_s and led_m > JUMP_M + CHANGE_MPS2 / 2 * after_s**2:
             frozen[last_good + 1 : last + 1] = True
     return frozen
 

@@ -62,6 +62,7 @@ PORTALS: Final = (
         marks=("gpsPosition.latitude", "mapInfo.latitude", "latitude velocity", "Latitude Longitude !Speed"),
         latitude="gpsPosition.latitude mapInfo.latitude latitude",
         longitude="gpsPosition.longitude mapInfo.longitude longitude",
+        weak_marks=("gps.latitude gps.longitude speed !altitude",),
         speed="latestStatus.speed operationalMessagesInfo.speed velocity speed",
         time="latestStatus.dateTime operationalMessagesInfo.time",
         without_header="datetime velocity latitude longitude",
@@ -83,7 +84,9 @@ PORTALS: Final = (
         time="timestamp", lost={"success": r"false|0", "fix": r"false|0(\.0*)?"},
     ),
 )  # fmt: skip
-RECORDED: Final = "time timestamp datetime t ts recorded_at received_at"
+RECORDED: Final = (
+    "time timestamp datetime t ts utc epoch recorded_at recordedAt received_at receivedAt fetched_at created_at"
+)
 """Names under which recorders write the time of an answer; the portal's own time is preferred."""
 LEAST_MS: Final = 1e11
 """Least time (since 1970) that is in ms, not in s: in the year 1973; in s it would be in the year 5138."""
@@ -194,8 +197,8 @@ def without_header(cells: Sequence[str]) -> list[str]:
     return []
 
 
-def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[list[str]], tuple[str, ...]]:
-    """The portal that gave answers, their cells (latitude, longitude, speed, time), and the fields that are not used.
+def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[list[str]]]:
+    """The portal that gave answers, and their cells: latitude, longitude, speed, time.
 
     Raises InputError if they are of no known portal, or state no time.
     """
@@ -212,8 +215,7 @@ def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[lis
         raise InputError(path, portal.name, MISSING, f"a field with the time of each answer: {RECORDED}")
     used = [latitude, *(field_of(names, one, beside) for one in (portal.longitude, portal.speed)), time]
     lost = {field_of(names, one, beside): re.compile(said, re.IGNORECASE) for one, said in portal.lost.items()}
-    rows = [_cells(answer, used, lost) for answer in answers]
-    return portal, rows, tuple(".".join(name) for name in names if name not in used and name not in lost)
+    return portal, [_cells(answer, used, lost) for answer in answers]
 
 
 def _cells(answer: Answer, used: list[Name | None], lost: dict[Name | None, re.Pattern[str]]) -> list[str]:

@@ -270,7 +270,7 @@ def _read_csv(path: Path) -> Reading:
 
 def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
     """The record in the answers of a Wi-Fi portal, with their lines; raises InputError if no known portal gave them."""
-    portal, rows, unread = portals.portal_rows(path, [answer for answer, _ in given])
+    portal, rows = portals.portal_rows(path, [answer for answer, _ in given])
     if len(rows) < 2:
         raise DasError(f"{path}: {len(rows)} answer of a Wi-Fi portal, expected at least 2")
     names = {"latitude": "latitude", "longitude": "longitude", "speed": portal.speed_unit, "time": ANY_TIME}
@@ -278,7 +278,7 @@ def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
     zone = None if portal.zone is None else ZoneInfo(portal.zone)
     record = _record(path, columns, rows, np.array([line for _, line in given]), zone=zone)
     local = portal.zone if any(portals.LOCAL_TIME.fullmatch(row[-1]) for row in rows) else None
-    return Reading(record=replace(record, unread=unread, zone=local or ""), format=f"Wi-Fi portal of {portal.name}")
+    return Reading(record=replace(record, zone=local or ""), format=f"Wi-Fi portal of {portal.name}")
 
 
 def _record(

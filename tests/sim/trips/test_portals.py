@@ -125,16 +125,11 @@ NO_HEADER = {
 
 @pytest.mark.parametrize("form", NO_HEADER)
 def test_two_recorders_write_no_header(tmp_path: Path, form: str) -> None:
-    rows = [
-        NO_HEADER[form].format(
-            ms=fix.time_ns // 10**6,
-            local=local(fix),
-            lat=fix.latitude_deg,
-            lon=fix.longitude_deg,
-            kmh=fix.speed_mps / KMH,
-        )  # type: ignore[operator]
-        for fix in FIXES
-    ]
+    rows = []
+    for fix in FIXES:
+        assert fix.speed_mps is not None
+        place = {"lat": fix.latitude_deg, "lon": fix.longitude_deg, "kmh": fix.speed_mps / KMH}
+        rows.append(NO_HEADER[form].format(ms=fix.time_ns // 10**6, local=local(fix), **place))
     check(read_trip(written(tmp_path, "\n".join(rows) + "\n")).record, form)
 
 
@@ -142,6 +137,7 @@ MINIMAL: dict[str, str] = {
     "germany": '{{"serverTime": {ms}, "latitude": {lat}, "longitude": {lon}, "speed": {kmh}}}',
     "germany as text": '{{"serverTime": "{ms}", "latitude": "{lat}", "longitude": "{lon}", "speed": "{kmh}"}}',
     "germany, recorder's time": '{{"t": {s}, "tzn": "x", "latitude": {lat}, "longitude": {lon}, "speed": {kmh}}}',
+    "austria, small letters": '{{"t": {s}, "gps": {{"latitude": {lat}, "longitude": {lon}}}, "speed": {kmh}}}',
     "austria": '{{"ts": "{iso}", "Latitude": {lat}, "Longitude": {lon}, "speed": {kmh}}}',
     "czechia": '{{"timestamp": {s}, "gpsLat": {lat}, "gpsLng": {lon}, "speed": {kmh}}}',
     "czechia, small letters": '{{"timestamp": {ms}, "gpslat": {lat}, "gpslng": {lon}, "speed": {kmh}}}',
@@ -182,8 +178,8 @@ def test_positions_without_speeds_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cut", [1, 90])
 @pytest.mark.parametrize("shape", ["lines", "array", "objects", "csv"])
 def test_a_record_is_kept_up_to_where_its_recorder_was_killed(tmp_path: Path, shape: str, cut: int) -> None:
-    shapes = {**SHAPES, "lines": lambda form: "\n".join(lines(FIXES, form))}
-    record = read_trip(written(tmp_path, shapes[shape]("germany").rstrip("\n]")[:-cut])).record
+    text = "\n".join(lines(FIXES, "germany")) if shape == "lines" else SHAPES[shape]("germany")
+    record = read_trip(written(tmp_path, text.rstrip("\n]")[:-cut])).record
     assert record.untimed.tolist() == [False, False, False, shape != "csv" or cut > 1]
     assert record.latitude_deg[:3] == pytest.approx([fix.latitude_deg for fix in FIXES[:3]])
     assert record.speed_mps[:3] == pytest.approx([fix.speed_mps for fix in FIXES[:3]], abs=0.02)
@@ -250,6 +246,18 @@ def test_zero_speeds_of_a_moving_train_are_dropouts(tmp_path: Path) -> None:
     assert np.abs(trip.run.speed_mps - true_mps).max() < 0.9
     trip = of_portal(tmp_path, fixes(changed(points, (80, 81, 82), v=0.0), range(60, 120)))
     assert counts(trip) == {FindingKind.SPEED_ALONE: 60, FindingKind.SPEED_DROPOUT: 3}
+
+
+def test_a_portal_that_stands_still_while_the_train_runs_is_no_stop(tmp_path: Path) -> None:
+    """For 20 s it repeats the last position with a speed of 0, at 108 km/h."""
+    points = clean()
+    stuck = changed(points, range(150, 170), s_m=points[149].s_m, v=0.0)
+    trip = of_portal(tmp_path, fixes(stuck))
+    assert counts(trip) == {FindingKind.POSITION_FROZEN: 20}
+    assert trip.stops_on_the_way == ()
+    assert len(trip.stands) == 2
+    _, true_mps = truth_of_run(trip, points)
+    assert np.abs(trip.run.speed_mps - true_mps).max() < 1.0
 
 
 def test_answers_that_repeat_the_fix_and_its_time_count_once(tmp_path: Path) -> None:
