@@ -96,11 +96,6 @@ class Points:
         """Some of the points, by mask, slice or indices."""
         return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
-    def with_others(self, others: list[Self]) -> Self:
-        """These points and others of the record, in order."""
-        every = {f.name: np.concatenate([getattr(one, f.name) for one in (self, *others)]) for f in fields(self)}
-        return replace(self, **every).take(np.argsort(every["point"]))
-
 
 def _place(record: Record, line: Line | None) -> tuple[Floats, Floats]:
     """Chainage along a line (m) and distance from it (m); without a line, the record's positions. NaN where unknown."""
@@ -201,7 +196,7 @@ def _located_by_speeds(record: Record, points: Points) -> Points:
     """The points, and between them those that only have a speed, as in a tunnel, with positions computed from it."""
     time_s, speed = record.elapsed_s(), np.where(record.degraded, np.nan, record.speed_mps)
     every = _all_points(record, np.full(len(record), np.nan), np.full(len(record), np.nan))
-    on, found = points.aside_m <= MAX_CROSS_TRACK_M, []
+    on, found = points.aside_m <= MAX_CROSS_TRACK_M, [points]
     for i in np.flatnonzero((np.diff(points.time_s) > LOST_S) & on[1:] & on[:-1]):
         inside = np.arange(points.point[i], points.point[i + 1] + 1)
         inside = inside[~record.invalid[inside]]
@@ -211,7 +206,8 @@ def _located_by_speeds(record: Record, points: Points) -> Points:
             alone = np.flatnonzero(np.isfinite(speed[inside]))
             alone = alone[(alone > 0) & (alone < len(inside) - 1)]
             found.append(replace(every.take(inside[alone]), along_m=points.along_m[i] + led_m[alone]))
-    return points.with_others(found)
+    joined = {f.name: np.concatenate([getattr(one, f.name) for one in found]) for f in fields(points)}
+    return replace(points, **joined).take(np.argsort(joined["point"]))
 
 
 def _without_jumps(record: Record, points: Points, section_m: float, log: FindingLog) -> Points:

@@ -129,16 +129,13 @@ def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], an
     trip = FeedTrip(
         feed=path, id="of the portal", title="", agency="", time_zone="", stops=tuple(read), shape_deg=np.empty((0, 2))
     )
-    found = placed(trip, route).stops
-    calls = [
-        Call(
-            name=one.route_stop or one.stop.name,
-            position_m=one.position_m,
-            arrival=Window(latest_s=one.stop.arrival_s) if i else ALWAYS,
-            departure=Window(earliest_s=one.stop.departure_s) if i + 1 < len(found) else ALWAYS,
-        )
-        for i, one in enumerate(found)
-    ]
+    on_route, calls = placed(trip, route).stops, []
+    for one in on_route:
+        windows = Window(latest_s=one.stop.arrival_s), Window(earliest_s=one.stop.departure_s)
+        arrival = ALWAYS if one == on_route[0] else windows[0]
+        departure = ALWAYS if one == on_route[-1] else windows[1]
+        name = one.route_stop or one.stop.name
+        calls.append(Call(name=name, position_m=one.position_m, arrival=arrival, departure=departure))
     return Journey(id="portal", name=f"{calls[0].name} – {calls[-1].name}", source=str(path), points=tuple(calls))
 
 

@@ -91,6 +91,7 @@ RECORDED: Final = (
 LEAST_MS: Final = 1e11
 """Least time (since 1970) that is in ms, not in s: in the year 1973; in s it would be in the year 5138."""
 JSON_START: Final = re.compile(rb"[\xef\xbb\xbf\s]*([\w$.]*\s*\(\s*)?[{\[]")
+"""Beginning of a file of JSON, or of JSONP: "callback({"."""
 _BETWEEN: Final = re.compile(r"[\s,\[\]();]*(?:[A-Za-z_$][\w.$]*\s*\(\s*)?")
 """Punctuation between two answers: that of JSON lines, of an array and of JSONP."""
 _PARTS: Final = re.compile(r"[._/ ]+")
@@ -169,22 +170,15 @@ def flat(value: Any, at: Name = ()) -> Iterator[tuple[Name, str]]:
         yield at, "" if value is None else str(value).strip()
 
 
-def json_answers(text: str) -> list[tuple[Answer, int]]:
-    """The answers in a text of JSON, and the line in which each begins."""
-    return [(dict(flat(value)), line) for value, line in json_values(text)]
-
-
-def csv_names(titles: Iterable[str]) -> list[Name]:
-    """The names of the columns of a table in parts."""
-    return [tuple(_PARTS.split(title)) for title in titles]
-
-
 def csv_answers(titles: Sequence[str], rows: Sequence[Sequence[str]], first: int) -> list[tuple[Answer, int]]:
     """The answers in the rows of a table from line `first` on, and their lines, without blank ones.
 
     A row that was cut lacks its last fields; one with too many is empty.
     """
-    names, kept = csv_names(titles), [(row, line) for line, row in enumerate(rows, first) if any(row)]
+    names, kept = (
+        [tuple(_PARTS.split(title)) for title in titles],
+        [(row, line) for line, row in enumerate(rows, first) if any(row)],
+    )
     return [(dict(zip(names, row, strict=False)) if len(row) <= len(names) else {}, line) for row, line in kept]
 
 

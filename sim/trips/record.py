@@ -35,6 +35,10 @@ from sim.trips import portals
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Read = TypeVar("Read")
+Columns = dict[str, tuple[int, str]]
+"""Index and name of the column of each quantity in a table."""
+Zone = tzinfo | None
+"""Time zone of times that state none; None if it is not known."""
 
 LATITUDE_NAMES = ("latitude", "latitude_deg", "lat")
 LONGITUDE_NAMES = ("longitude", "longitude_deg", "lon", "lng")
@@ -183,7 +187,8 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
     if portals.JSON_START.match(head):
-        return _of_portal(path, portals.json_answers(read_text(path)))
+        values = portals.json_values(read_text(path))
+        return _of_portal(path, [(dict(portals.flat(value)), line) for value, line in values])
     return _read_csv(path)
 
 
@@ -256,9 +261,9 @@ def _read_csv(path: Path) -> Reading:
     try:
         columns = {} if table.first == 1 and titles else _columns(path, table.names)
     except InputError:
-        if portals.portal_of(portals.csv_names(titles)) is None:
+        columns, ((header, _),) = {}, portals.csv_answers(titles, [titles], 1)
+        if portals.portal_of(list(header)) is None:
             raise
-        columns = {}
     if not columns:
         return _of_portal(path, portals.csv_answers(titles, table.rows, table.first))
     rows = table.body()
@@ -282,18 +287,9 @@ def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
 
 
 def _record(
-    path: Path,
-    columns: dict[str, tuple[int, str]],
-    rows: list[list[str]],
-    number: Ints,
-    *,
-    located: bool = False,
-    zone: tzinfo | None = UTC,
+    path: Path, columns: Columns, rows: list[list[str]], number: Ints, *, located: bool = False, zone: Zone = UTC
 ) -> Record:
-    """The record in rows of cells, with row i at line `number[i]`; `located` rows must have a place.
-
-    `zone` is that of times that state none, None if it is not known.
-    """
+    """The record in rows of cells, with row i at line `number[i]`; `located` rows must have a place."""
 
     def cells(quantity: str, read: Callable[[str, str], Read], *, needed: bool) -> list[Read | None]:
         index, _ = columns[quantity]
@@ -321,9 +317,9 @@ def _record(
     )  # fmt: skip
 
 
-def _columns(path: Path, names: tuple[str, ...]) -> dict[str, tuple[int, str]]:
+def _columns(path: Path, names: tuple[str, ...]) -> Columns:
     """Index and name of the column of each quantity in the file; raises InputError if time or place is missing."""
-    found: dict[str, tuple[int, str]] = {}
+    found: Columns = {}
     for index, name in enumerate(names):
         for quantity, accepted in COLUMNS.items():
             if name in accepted and quantity in found:
@@ -363,7 +359,7 @@ def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
     return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
 
 
-def read_time(path: Path, key: str, text: str, column: str, zone: tzinfo | None = UTC) -> int:
+def read_time(path: Path, key: str, text: str, column: str, zone: Zone = UTC) -> int:
     """A time (ns since 1970): a number in the unit of its column, or ISO 8601; a time that names no zone is of `zone`.
 
     Raises InputError (file, key, value) for any other text, and for a time without a zone if that is not known or if
@@ -467,9 +463,7 @@ class _TrackPoints:
 
 
 class CellTable(NamedTuple):
-    """A CSV file: its kind of content, names of columns in small letters, rows of cells, line of the first row,
-    separator, and names as written (none without a header).
-    """
+    """A CSV file: its content, columns in small letters, rows, line of the first row, separator, columns as written."""
 
     path: Path
     what: str
