@@ -32,8 +32,8 @@ from sim.trips.record import ANY_TIME, number, read_time
 class StopFields(NamedTuple):
     """The fields of the stops of a portal (see `Portal`), and the zone of times that state none.
 
-    `stops` is the list of stops. Times of day are those nearest to the time `at` of the answer. `dwell_min` (min) is
-    the time from arrival to departure.
+    `stops` is the list of stops; those with `isRemoved` are left out. Times of day are those nearest to the time `at`
+    of the answer. `dwell_min` (min) is the time from arrival to departure.
     """
 
     zone: str
@@ -47,8 +47,6 @@ class StopFields(NamedTuple):
     dwell_min: str = ""
 
 
-REMOVED: Final = "isRemoved"
-"""Field of a stop at which the train does not call."""
 STOPS: Final = (
     StopFields("Europe/Berlin", "stops", "station.name", "scheduledArrivalTime", "scheduledDepartureTime"),
     StopFields("Europe/Paris", "stops", "label name", "theoricDate", "theoricDate", dwell_min="duration"),
@@ -76,10 +74,11 @@ def trip_journey(name_or_path: str, route: Route, departed_ns: int) -> Journey:
     `departed_ns` is a time of the trip (ns since 1970), for times of day in an answer that states no day. Raises
     DasError or InputError (file, key, value, expectation) for anything unusable.
     """
-    path, found = Path(name_or_path), None
+    path, found, last = Path(name_or_path), None, None
     if path.is_file() and path.suffix.lower() not in (".toml", ".zip"):
         for value, _ in portals.json_values(read_text(path)):
-            found = next(_stated(value, value), found)
+            last = value if any(_lists(value)) else last
+        found = next(_stated(last), None)
         if found is None and path.suffix.lower() != ".json":
             known = "; ".join(f"{one.stops} with {one.departure}" for one in STOPS)
             raise InputError(path, "stops", MISSING, f"those of a train's Wi-Fi portal ({known})")
@@ -91,16 +90,23 @@ def journey_file(name_or_path: str) -> Path:
     return Path(name_or_path) if Path(name_or_path).is_file() else locate_journey(name_or_path)
 
 
-def _stated(value: Any, answer: Any, depth: int = 0) -> Iterator[tuple[StopFields, list[Answer], Answer]]:
-    """The fields and the stops in an object of an answer, and the other fields of the answer."""
+def _lists(value: Any, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
+    """The lists in an answer that may be stops, with their keys."""
     for key, one in value.items() if isinstance(value, dict) else ():
-        stops = [dict(portals.flat(entry)) for entry in one] if isinstance(one, list) else []
+        if isinstance(one, list) and one and any(key == form.stops for form in STOPS):
+            yield key, one
+        if depth < DEEPEST:
+            yield from _lists(one, depth + 1)
+
+
+def _stated(answer: Any) -> Iterator[tuple[StopFields, list[Answer], Answer]]:
+    """The fields and the stops in an answer, and its other fields."""
+    for key, entries in _lists(answer):
+        stops = [dict(portals.flat(entry)) for entry in entries]
         names = names_of(stops)
         for form in STOPS:
             if key == form.stops and all(field_of(names, one) for one in (form.name, form.departure)):
                 yield form, stops, dict(portals.flat(answer))
-        if depth < DEEPEST:
-            yield from _stated(one, answer, depth + 1)
 
 
 def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], answer: Answer, near_ns: int) -> Journey:
@@ -120,7 +126,7 @@ def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], an
     for i, stop in enumerate(stops):
         key, due = f"{form.stops}[{i}]", [text(stop, form.arrival), text(stop, form.departure)]
         times_ns = [_time_ns(path, f"{key} {form.departure}", one, zone, near_ns) for one in due if one]
-        if times_ns and text(stop, REMOVED) != "True":
+        if times_ns and text(stop, "isRemoved") != "True":
             dwell_s = 60 * number(path, f"{key} {form.dwell_min}", text(stop, form.dwell_min) or "0")
             zero_ns = zero_ns or route.midnight_ns(times_ns[0])
             arrival_s, departure_s = ((one - zero_ns) / 10**9 for one in (times_ns[0], times_ns[-1]))
