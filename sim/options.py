@@ -157,7 +157,8 @@ class ReplayOptions:
         typer.Option(
             "--journey",
             metavar="FILE",
-            help="Timetable of the trip: a bundled journey or a journey file, with times of the line's time zone.",
+            help="Timetable of the trip: a bundled journey, a journey file (times of the line's zone), or an answer "
+            "of the train's Wi-Fi portal with its stops.",
         ),
     ] = None
     running_time_s: Annotated[

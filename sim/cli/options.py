@@ -25,7 +25,11 @@ DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
 """Endpoint at which a run listens for an external driver."""
 
 TripArgument = Annotated[
-    Path, typer.Argument(metavar="TRIP", help="Recorded trip: CSV, GPX, or a recording (.mcap) of das-sim.")
+    Path,
+    typer.Argument(
+        metavar="TRIP",
+        help="Recorded trip: CSV, GPX, answers of a train's Wi-Fi portal, or a recording (.mcap) of das-sim.",
+    ),
 ]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RECORDING", help="Recording (.mcap) to read.")]
 FromTimeOption = Annotated[

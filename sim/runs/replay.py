@@ -25,7 +25,6 @@ from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
 from das.cab.cab import warm_up
 from das.cab.heard import DelayHeard, JourneyHeard, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
-from das.domain.files.load import load_journey, locate_journey
 from das.domain.journey import Call, Journey, OrderedStop
 from das.domain.units import NS
 from das.estimate.estimate import PositionFix, Quality
@@ -40,6 +39,7 @@ from sim.options import ReplayOptions, TripOptions, pace_factor
 from sim.recording.course import OWN_TIMETABLE
 from sim.recording.inputs import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
+from sim.trips.portal_stops import journey_file, trip_journey
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
@@ -92,7 +92,7 @@ def plan_timing(trip: Trip, legs: Sequence[DrivenLeg], options: ReplayOptions) -
     departed_ns, arrived_ns = int(legs[0].motion.time_ns[0]), int(legs[-1].motion.time_ns[-1])
     departure_ns, arrival_ns = departed_ns, 0
     if options.journey is not None:
-        departure_ns, arrival_ns = _due_ns(trip, load_journey(options.journey, trip.route), departed_ns)
+        departure_ns, arrival_ns = _due_ns(trip, trip_journey(options.journey, trip.route, departed_ns), departed_ns)
     elif trip.journey is not None and trip.journey.stops:  # on the bus, a time of 0 means that none is set
         departure_ns = trip.journey.stops[0].departure_ns or departed_ns
         arrival_ns = trip.journey.stops[-1].arrival_ns
@@ -201,7 +201,7 @@ def prepare(trip_path: Path, options: ReplayOptions, out: Path, command: str) ->
     legs = driven_legs(trip, trip.run)
     timing = plan_timing(trip, legs, options)
     given = [] if of_trip.posts is None else [of_trip.posts]
-    given += [] if options.journey is None else [locate_journey(options.journey)]
+    given += [] if options.journey is None else [journey_file(options.journey)]
     processes = Processes(
         train=options.train,
         node_arguments=_node_arguments(of_trip, trip.start.name, trip.end.name),

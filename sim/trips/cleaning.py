@@ -48,6 +48,10 @@ POINTS_BACK: Final = 120
 """Largest number of consecutive wrong positions that are found: points further apart are not compared."""
 LONGEST_JUMP_S: Final = 120.0
 """Longest time (s) of wrong positions that is found: points further apart are not compared."""
+LOST_S: Final = 10.0
+"""Time (s) without positions over which smoothing joins them well; over a longer one, reported speeds give them."""
+LOST_RATIO: Final = 0.05
+"""Largest relative difference, besides `JUMP_M`, between the integral of the speeds of such a time and its way."""
 TOP_SPEED_PERCENTILE: Final = 99.0
 """Percentile of the speeds around its points that is taken as the top speed of a trip: a few may be wrong."""
 DERIVED_HALF_WINDOW_S: Final = 5.0
@@ -87,11 +91,13 @@ class FindingKind(StrEnum):
         return kind
 
     NO_TIME = "no_time", "no time", "dropped"
+    NO_ZONE = "no_zone", "time without a zone", "read as local time"
     NEWEST_FIRST = "newest_first", "newest point first", "reversed"
     OTHER_WAY = "other_way", "trip in the other direction", "replayed in that direction"
     DUPLICATE_TIME = "duplicate_time", "duplicate time", "dropped"
     TIME_BACK = "time_back", "time running back", "dropped"
     NO_POSITION = "no_position", "no position", "dropped"
+    SPEED_ALONE = "speed_alone", "speed without a position", "position computed from speeds"
     OFF_LINE = "off_line", "off the line before or after", "cut"
     POSITION_FROZEN = "position_frozen", "position frozen while moving", "dropped"
     POSITION_JUMP = "position_jump", "position jump", "dropped"
@@ -192,6 +198,8 @@ def in_order(record: Record, log: FindingLog) -> Record:
     """
     log.add(FindingKind.NO_TIME, record, record.untimed, "not readable; the time shown is that of a neighbour")
     record = record.take(~record.untimed)
+    if record.zone:
+        log.add(FindingKind.NO_ZONE, record, np.arange(len(record)), f"that of {record.zone}")
     steps = np.diff(record.time_ns)
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
         log.add(FindingKind.NEWEST_FIRST, record, [0], f"{np.count_nonzero(steps < 0)} of {len(steps)} steps go back")
@@ -263,7 +271,7 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
 
     The train moved if the next position is at least 50 m away, and at least half as far as the reported speeds (NaN:
     none) lead. If no other position follows, it moved if the positions before show an equally fast motion, because no
-    train stops within one step.
+    train stops within one step. That also shows that it moved where speeds of 0 are reported.
     """
     frozen = np.zeros(len(time_s), dtype=bool)
     moving = speed_mps > WRONG_SPEED_MPS
@@ -276,7 +284,32 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
         told_m = np.trapezoid(np.nan_to_num(speed_mps[run]), time_s[run])
         if along_m[last + 1] - along_m[last] >= max(FROZEN_RATIO * told_m, JUMP_M):
             frozen[last_good + 1 : last + 1] = True
+    zero = np.append(False, (np.diff(along_m) == 0) & (speed_mps[1:] == 0))
+    for last_good, last in ((first - 1, end - 1) for first, end in stretches_of(zero)):
+        before_s, after_s = (
+            float(time_s[i + 1] - time_s[i]) if 0 <= i < len(time_s) - 1 else np.inf for i in (last_good - 1, last)
+        )
+        came_mps = (along_m[last_good] - along_m[last_good - 1]) / before_s
+        led_m = np.median(along_m[last + 1 : last + 1 + STEPS_AROUND]) - along_m[last] if after_s < np.inf else 0.0
+        if came_mps > WRONG_SPEED_MPS + CHANGE_MPS2 * before_s and led_m > JUMP_M + CHANGE_MPS2 / 2 * after_s**2:
+            frozen[last_good + 1 : last + 1] = True
     return frozen
+
+
+def positions_by_speeds(time_s: Floats, speed_mps: Floats, way_m: float) -> Floats | None:
+    """Distances (m) from the first point to each by the integral of the reported speeds, scaled to the whole way.
+
+    The speeds of the first and the last point may be unknown (NaN). None unless the speeds are at most 10 s apart and
+    their integral is the way, within 5 % and 50 m. If it is not, speeds of 0 are left out as dropouts.
+    """
+    for known in (np.isfinite(speed_mps), np.nan_to_num(speed_mps) > 0):
+        if not known.any() or np.diff(time_s[known], prepend=time_s[0], append=time_s[-1]).max() > LOST_S:
+            continue
+        speed = np.interp(time_s, time_s[known], speed_mps[known])
+        led_m = np.append(0.0, np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(time_s)))
+        if led_m[-1] > 0 and abs(led_m[-1] - way_m) <= JUMP_M + LOST_RATIO * way_m:
+            return np.asarray(led_m * way_m / led_m[-1])
+    return None
 
 
 def _led_on(time_s: Floats, along_m: Floats, speed_mps: Floats, last_good: int) -> bool:

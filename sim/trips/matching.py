@@ -17,7 +17,9 @@ from das.domain.units import KMH, NS
 from sim.recording.course import DrivenCourse, stretches_of
 from sim.trips import cleaning
 from sim.trips.cleaning import (
+    JUMP_M,
     LEAST_KEPT_RATIO,
+    LOST_S,
     MAX_BACKWARD_M,
     STALL_HALF_WINDOW_S,
     WRONG_SPEED_MPS,
@@ -65,7 +67,8 @@ SAME_TIME_S = 1e-6
 class Points:
     """Points of a record that are kept, arrays of shape (points,); `point` is the index in the record.
 
-    `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line. `missing`,
+    `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line, NaN if the
+    position was computed from speeds. `missing`,
     `dropout` and `spike` mark the reason why a speed is not the reported one. `slowed_to_mps` is the speed from
     positions at an end of the record at which only positions show that the train stands; elsewhere it is NaN.
     """
@@ -128,12 +131,18 @@ def fitting_points(record: Record, line: Line | None, section_m: float, log: Fin
     """
     along, aside = _place(record, line)
     located = np.isfinite(aside)
-    log.add(FindingKind.NO_POSITION, record, ~located & ~record.invalid, "neither on the map nor on the route")
     points = _all_points(record, along, aside).take(located & ~record.invalid)
     if not len(points):
         raise DasError(f"{record.source}: no point has a position")
     points = _on_line(record, line, points, section_m, log)
-    points = _without_jumps(record, _without_frozen(record, points, log), section_m, log)
+    frozen = _frozen(record, points)
+    points, lost = _located_by_speeds(record, points.take(~frozen)), points.point[frozen]
+    by_speeds = points.point[np.isnan(points.aside_m)]
+    nowhere = np.setdiff1d(np.flatnonzero(~located & ~record.invalid), by_speeds)
+    log.add(FindingKind.NO_POSITION, record, nowhere, "neither on the map nor on the route")
+    log.add(FindingKind.POSITION_FROZEN, record, np.setdiff1d(lost, by_speeds), "exactly the same position")
+    log.add(FindingKind.SPEED_ALONE, record, by_speeds, "no position, or exactly the same")
+    points = _without_jumps(record, points, section_m, log)
     points = _one_part(record, points, log)
     if len(points) < 2:
         raise DasError(f"{record.source}: a single point fits, expected at least 2")
@@ -175,12 +184,30 @@ def _on_line(record: Record, line: Line | None, points: Points, section_m: float
     return points.take(~outside)
 
 
-def _without_frozen(record: Record, points: Points, log: FindingLog) -> Points:
+def _frozen(record: Record, points: Points) -> Bools:
+    """Mask of the points that repeat a position while the train moves."""
     on = np.flatnonzero(points.aside_m <= MAX_CROSS_TRACK_M)
     frozen = np.zeros(len(points), dtype=bool)
     frozen[on] = cleaning.find_frozen(points.time_s[on], points.along_m[on], measured_mps(record, points)[on])
-    log.add(FindingKind.POSITION_FROZEN, record, points.point[frozen], "exactly the same position")
-    return points.take(~frozen)
+    return frozen
+
+
+def _located_by_speeds(record: Record, points: Points) -> Points:
+    """The points, and between them those that only have a speed, as in a tunnel, with positions computed from it."""
+    time_s, speed = record.elapsed_s(), np.where(record.degraded, np.nan, record.speed_mps)
+    every = _all_points(record, np.full(len(record), np.nan), np.full(len(record), np.nan))
+    on, found = points.aside_m <= MAX_CROSS_TRACK_M, [points]
+    for i in np.flatnonzero((np.diff(points.time_s) > LOST_S) & on[1:] & on[:-1]):
+        inside = np.arange(points.point[i], points.point[i + 1] + 1)
+        inside = inside[~record.invalid[inside]]
+        way_m = float(points.along_m[i + 1] - points.along_m[i])
+        led_m = cleaning.positions_by_speeds(time_s[inside], speed[inside], way_m)
+        if led_m is not None:
+            alone = np.flatnonzero(np.isfinite(speed[inside]))
+            alone = alone[(alone > 0) & (alone < len(inside) - 1)]
+            found.append(replace(every.take(inside[alone]), along_m=points.along_m[i] + led_m[alone]))
+    joined = {f.name: np.concatenate([getattr(one, f.name) for one in found]) for f in fields(points)}
+    return replace(points, **joined).take(np.argsort(joined["point"]))
 
 
 def _without_jumps(record: Record, points: Points, section_m: float, log: FindingLog) -> Points:
@@ -435,9 +462,9 @@ def _report(
         scale=anchored[1],
         anchor=anchored[2],
         stand_uncertainty_m=left_over(_fastest(points.slowed_to_mps))[0],
-        median_cross_track_m=float(np.median(aside_m)) if known else None,
-        p95_cross_track_m=float(np.percentile(aside_m, 95)) if known else None,
-        max_cross_track_m=float(aside_m.max()) if known else None,
+        median_cross_track_m=float(np.nanmedian(aside_m)) if known else None,
+        p95_cross_track_m=float(np.nanpercentile(aside_m, 95)) if known else None,
+        max_cross_track_m=float(np.nanmax(aside_m)) if known else None,
         cleaning=log.report(len(points), record.unread),
     )
 
@@ -580,6 +607,7 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
     uncertainty = record.uncertainty_m[j]
     if report.median_cross_track_m is not None:
         uncertainty = np.where(np.isnan(uncertainty), report.median_cross_track_m, uncertainty)
+    by_speeds = np.isin(j, points.point[np.isnan(points.aside_m)])
     return MatchedTrip(
         source=record.source,
         time_ns=record.time_ns[j],
@@ -589,7 +617,7 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
         longitude_deg=record.longitude_deg[j],
         dropout=(derived | record.degraded)[j],
         invalid=record.invalid[j],
-        uncertainty_m=uncertainty,
+        uncertainty_m=np.where(by_speeds, JUMP_M, uncertainty),
         standing=still,
         ends=RunEnds(
             departure=int(np.searchsorted(j, points.point[departure])),

@@ -1,4 +1,4 @@
-"""The record of a trip, and reading it from its file: a GPS record as CSV or GPX, or a recording of das-sim.
+"""The record of a trip, and reading it from its file: CSV, GPX, answers of a Wi-Fi portal, or a recording of das-sim.
 
 Text files become rows of cells under the names of `COLUMNS`, whatever their format; the cells are read in one place.
 Times are whole ns since 1970, without the rounding of a double.
@@ -10,11 +10,12 @@ import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self, TypeVar
 from xml.parsers import expat
+from zoneinfo import ZoneInfo
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +30,15 @@ from das.domain.route import Floats
 from das.domain.units import KM, KMH, MS, NS
 from das.estimate.estimate import Quality
 from sim.recording.opening import open_recording
+from sim.trips import portals
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]
 Read = TypeVar("Read")
+Columns = dict[str, tuple[int, str]]
+"""Index and name of the column of each quantity in a table."""
+Zone = tzinfo | None
+"""Time zone of times that state none; None if it is not known."""
 
 LATITUDE_NAMES = ("latitude", "latitude_deg", "lat")
 LONGITUDE_NAMES = ("longitude", "longitude_deg", "lon", "lng")
@@ -51,6 +57,8 @@ WITHOUT_HEADER = ("latitude_deg", "longitude_deg", "speed_kmh", "time_ms")
 GPX_COLUMNS = ("latitude", "longitude", "speed_mps", "time")
 PER_UNIT_NS = {"time_ms": round(MS / NS), "time_s": round(1 / NS)}
 """Nanoseconds in the unit of each column of times that are numbers; the others are ISO 8601."""
+ANY_TIME = "any_time"
+"""Unit of times that are numbers in s or in ms (see `portals.LEAST_MS`), or ISO 8601."""
 LARGEST_DEG = {"latitude": 90.0, "longitude": 180.0}
 LATEST_NS = round(9e9 / NS)
 """The latest time (ns since 1970, year 2255) that fits in integer nanoseconds."""
@@ -76,7 +84,7 @@ class Record:
     route; on the route, `position_m` counts as in the route's file, or in the direction driven if `as_driven`. In a
     recording of ours, a point may be `degraded` (its speed was not measured) or `invalid` (nothing was measured).
     `untimed` points have no usable time; `time_ns` then is that of a neighbour. `unread` are the names of columns that
-    were not used.
+    were not used. `zone` is the time zone by which times without one were read, if there were any; empty: UTC.
     """
 
     source: str
@@ -93,6 +101,7 @@ class Record:
     as_driven: bool = False
     untimed: Bools
     unread: tuple[str, ...] = ()
+    zone: str = ""
 
     def __post_init__(self) -> None:
         for name in self._arrays():
@@ -177,7 +186,10 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
     refuse_foreign(path, "trip", reads=TRIPS)
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
-    return Reading(record=read_csv(path), format="CSV")
+    if portals.JSON_START.match(head):
+        values = portals.json_values(read_text(path))
+        return _of_portal(path, [(dict(portals.flat(value)), line) for value, line in values])
+    return _read_csv(path)
 
 
 def reading_of(recording: Recording) -> Reading:
@@ -239,20 +251,43 @@ def _locations(recording: Recording, time_ns: Any) -> tuple[Floats, Floats]:
     return np.interp(time_ns, t, latitude), np.interp(time_ns, t, longitude)
 
 
-def read_csv(path: Path) -> Record:
-    """Read a record from a CSV file; an empty cell is an unknown value.
+def _read_csv(path: Path) -> Reading:
+    """Read a CSV file with columns of this project or of a portal; an empty cell is an unknown value.
 
     Raises DasError or InputError (file, line, value, expectation).
     """
     table = CellTable.read(path, "trip", WITHOUT_HEADER)
-    columns, rows = _columns(path, table.names), table.body()
+    titles = table.titles or portals.without_header(table.rows[0])
+    try:
+        columns = {} if table.first == 1 and titles else _columns(path, table.names)
+    except InputError:
+        columns, ((header, _),) = {}, portals.csv_answers(titles, [titles], 1)
+        if portals.portal_of(list(header)) is None:
+            raise
+    if not columns:
+        return _of_portal(path, portals.csv_answers(titles, table.rows, table.first))
+    rows = table.body()
     used = {index for index, _ in columns.values()}
     unread = tuple(name for i, name in enumerate(table.names) if i not in used)
-    return replace(_record(path, columns, rows, np.arange(len(rows)) + table.first), unread=unread)
+    record = replace(_record(path, columns, rows, np.arange(len(rows)) + table.first), unread=unread)
+    return Reading(record=record, format="CSV")
+
+
+def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
+    """The record in the answers of a Wi-Fi portal, with their lines; raises InputError if no known portal gave them."""
+    portal, rows = portals.portal_rows(path, [answer for answer, _ in given])
+    if len(rows) < 2:
+        raise DasError(f"{path}: {len(rows)} answer of a Wi-Fi portal, expected at least 2")
+    names = {"latitude": "latitude", "longitude": "longitude", "speed": portal.speed_unit, "time": ANY_TIME}
+    columns = {quantity: (i, name) for i, (quantity, name) in enumerate(names.items())}
+    zone = None if portal.zone is None else ZoneInfo(portal.zone)
+    record = _record(path, columns, rows, np.array([line for _, line in given]), zone=zone)
+    local = portal.zone if any(portals.LOCAL_TIME.fullmatch(row[-1]) for row in rows) else None
+    return Reading(record=replace(record, zone=local or ""), format=f"Wi-Fi portal of {portal.name}")
 
 
 def _record(
-    path: Path, columns: dict[str, tuple[int, str]], rows: list[list[str]], number: Ints, *, located: bool = False
+    path: Path, columns: Columns, rows: list[list[str]], number: Ints, *, located: bool = False, zone: Zone = UTC
 ) -> Record:
     """The record in rows of cells, with row i at line `number[i]`; `located` rows must have a place."""
 
@@ -274,16 +309,17 @@ def _record(
     wrong = ~np.isin(derived, (0, 1)) & ~np.isnan(derived)
     check_column(path, "speed_from_positions", derived, wrong, "0 or 1", int(number[0]))
     clock = columns["time"][1]
-    time_ns, untimed = _with_neighbours(cells("time", lambda key, cell: read_time(path, key, cell, clock), needed=True))
+    times = cells("time", lambda key, cell: read_time(path, key, cell, clock, zone), needed=True)
+    time_ns, untimed = _with_neighbours(times)
     return Record.of(
         str(path), number, time_ns, untimed=untimed, latitude_deg=latitude, longitude_deg=longitude,
         position_m=position, speed_mps=speed, degraded=derived == 1,
     )  # fmt: skip
 
 
-def _columns(path: Path, names: tuple[str, ...]) -> dict[str, tuple[int, str]]:
+def _columns(path: Path, names: tuple[str, ...]) -> Columns:
     """Index and name of the column of each quantity in the file; raises InputError if time or place is missing."""
-    found: dict[str, tuple[int, str]] = {}
+    found: Columns = {}
     for index, name in enumerate(names):
         for quantity, accepted in COLUMNS.items():
             if name in accepted and quantity in found:
@@ -323,11 +359,14 @@ def _with_neighbours(time_ns: list[int | None]) -> tuple[Ints, Bools]:
     return np.array(filled, dtype=np.int64), np.array([one is None for one in time_ns])
 
 
-def read_time(path: Path, key: str, text: str, column: str) -> int:
-    """A time (ns since 1970): a number in the unit of its column, or ISO 8601, which is UTC if it names no zone.
+def read_time(path: Path, key: str, text: str, column: str, zone: Zone = UTC) -> int:
+    """A time (ns since 1970): a number in the unit of its column, or ISO 8601; a time that names no zone is of `zone`.
 
-    Raises InputError (file, key, value) for any other text.
+    Raises InputError (file, key, value) for any other text, and for a time without a zone if that is not known or if
+    the clocks were changed at that time.
     """
+    if column == ANY_TIME and is_number(text):
+        column = "time_ms" if float(text.replace(",", ".")) >= portals.LEAST_MS else "time_s"
     per_unit_ns = PER_UNIT_NS.get(column)
     if per_unit_ns is None:
         expected = "an ISO 8601 time like 2026-11-21T08:04:00Z"
@@ -335,7 +374,11 @@ def read_time(path: Path, key: str, text: str, column: str) -> int:
             moment = datetime.fromisoformat(text)
         except ValueError:
             raise InputError(path, key, text, expected) from None
-        moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+        if moment.tzinfo is None:
+            known = [] if zone is None else [moment.replace(tzinfo=zone, fold=fold).utcoffset() for fold in (0, 1)]
+            if len(set(known)) != 1:
+                raise InputError(path, key, text, f"{expected} with its time zone, which is not certain here")
+            moment = moment.replace(tzinfo=zone)
         ns = (moment - _EPOCH) // timedelta(microseconds=1) * _NS_PER_MICROSECOND
         if not 0 <= ns <= LATEST_NS:
             raise InputError(path, key, text, f"{expected}, 1970 to 2255")
@@ -420,7 +463,7 @@ class _TrackPoints:
 
 
 class CellTable(NamedTuple):
-    """A CSV file: its kind of content, names of columns, rows of cells, line of the first row, and separator."""
+    """A CSV file: its content, columns in small letters, rows, line of the first row, separator, columns as written."""
 
     path: Path
     what: str
@@ -428,6 +471,7 @@ class CellTable(NamedTuple):
     rows: list[list[str]]
     first: int
     separator: str
+    titles: tuple[str, ...] = ()
 
     @classmethod
     def read(cls, path: Path, what: str, names: tuple[str, ...]) -> CellTable:
@@ -449,7 +493,8 @@ class CellTable(NamedTuple):
         rows = [[cell.strip() for cell in row] for row in rows]
         if any(is_number(cell) for cell in rows[0]):
             return cls(path, what, names, rows, 1, separator)
-        return cls(path, what, tuple(cell.casefold() for cell in rows[0]), rows[1:], 2, separator)
+        titles = tuple(rows[0])
+        return cls(path, what, tuple(cell.casefold() for cell in titles), rows[1:], 2, separator, titles)
 
     def body(self) -> list[list[str]]:
         """The rows with points as decimal signs; if cells are not separated by commas, a comma is a decimal sign.

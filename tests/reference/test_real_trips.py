@@ -23,10 +23,11 @@ from sim.trips.cleaning import FindingKind
 from sim.trips.line import read_kilometre_posts
 from sim.trips.matching import MatchedTrip
 from sim.trips.profile import to_profile
-from sim.trips.record import Record, read_csv
+from sim.trips.record import Record, read_trip
 from tests.support.benchmark import shared_data, track_path, train_path
 from tests.support.made_line import counts, matched
 from tests.support.making import das_sim, das_sim_json, in_a_process
+from tests.support.portals import FORMS, Fix, write
 from tests.support.tracks import as_gpx
 
 TRIPS = shared_data() / "trips"
@@ -50,7 +51,7 @@ def on_the_line(record: Record) -> MatchedTrip:
 
 @cache
 def real(name: str) -> MatchedTrip:
-    return on_the_line(read_csv(TRIPS / f"kolback_vasteras_{name}.csv"))
+    return on_the_line(read_trip(TRIPS / f"kolback_vasteras_{name}.csv").record)
 
 
 @pytest.mark.parametrize(("name", "duration_s", "lag_s"), [("clean", 551, 2.5), ("dropouts", 559, 0.75)])
@@ -89,9 +90,28 @@ def test_the_dropouts_of_the_real_trip_are_found() -> None:
     assert run.acceleration_mps2[around].max() < 1.0
 
 
+@pytest.mark.parametrize("name", ["clean", "dropouts"])
+@pytest.mark.parametrize("form", FORMS)
+def test_a_real_trip_as_a_wifi_portal_would_have_stated_it_is_the_same_trip(
+    tmp_path: Path, form: str, name: str
+) -> None:
+    """Within the rounding of the portal: speeds to 0.1 km/h, and times to a whole second for some."""
+    rows = [row.split(",") for row in (TRIPS / f"kolback_vasteras_{name}.csv").read_text().split()]
+    fixes = [Fix(int(t) * 10**6, float(lat), float(lon), float(v) * KMH) for lat, lon, v, t in rows]
+    stated, known = on_the_line(read_trip(write(tmp_path / "trip.jsonl", fixes, form)).record), real(name)
+    run, whole = to_profile(stated), to_profile(known)
+    assert run.time_s[-1] == pytest.approx(whole.time_s[-1], abs=1)
+    assert run.speed_lag_s == pytest.approx(whole.speed_lag_s, abs=0.25)
+    at_s = whole.time_s + (whole.start_time_ns - run.start_time_ns) * 1e-9
+    off_mps = np.abs(np.interp(at_s, run.time_s, run.speed_mps) - whole.speed_mps)
+    assert off_mps.max() < 1.2, "a departure may be a second off"
+    assert off_mps.mean() < 0.1
+    assert np.interp(at_s, run.time_s, run.s_m) == pytest.approx(whole.s_m, abs=23), "half a second at 46 m/s"
+
+
 def test_a_real_trip_without_its_speeds_is_the_same_trip() -> None:
     """It begins and ends with one point at a stand, which no slope of positions shows."""
-    whole = read_csv(TRIPS / "kolback_vasteras_clean.csv")
+    whole = read_trip(TRIPS / "kolback_vasteras_clean.csv").record
     bare = on_the_line(replace(whole, speed_mps=np.full(len(whole), np.nan)))
     known = real("clean")
     assert bare.report.anchor == "start and end"

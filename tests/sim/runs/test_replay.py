@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections import defaultdict
@@ -259,6 +260,17 @@ def test_a_train_due_before_midnight_that_departs_after_it_is_late_by_minutes(dr
     timing = plan_timing(job.trip, legs, ReplayOptions(journey=str(path)))
     assert (midnight_ns - timing.departure_ns) * NS == pytest.approx(60.0)
     assert (timing.arrival_ns - timing.departure_ns) * NS == pytest.approx(660.0)
+
+
+def test_the_stops_of_a_wifi_portal_time_a_replay(driven: Driven, tmp_path: Path) -> None:
+    job, _, _ = driven
+    stops = [(job.trip.start.name, job.departed_ns - 40 * 10**9), (job.trip.end.name, job.arrived_ns - 65 * 10**9)]
+    path = tmp_path / "stops.jsonl"
+    listed = [{"label": name, "theoricDate": time_ns // 10**6, "duration": 0} for name, time_ns in stops]
+    path.write_text(json.dumps({"number": "1", "stops": listed}) + "\n")
+    timing = plan_timing(job.trip, job.legs, ReplayOptions(journey=str(path)))
+    assert (job.departed_ns - timing.departure_ns) * NS == pytest.approx(40.0, abs=0.002)
+    assert (job.arrived_ns - timing.arrival_ns) * NS == pytest.approx(65.0, abs=0.002)
 
 
 def test_a_journey_that_is_not_of_the_trip_is_refused(driven: Driven, tmp_path: Path) -> None:
