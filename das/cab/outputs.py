@@ -169,7 +169,7 @@ class Reporting:
     def losses(self, now_ns: int, dropped: int) -> None:
         """Report the number of suppressed faults, and of messages lost in floods (`dropped`: in total)."""
         if suppressed := self._complaints.take_suppressed(now_ns):
-            self.event(now_ns, Severity.WARNING, f"{suppressed} more messages were ignored")
+            self.event(now_ns, Severity.WARNING, f"{suppressed} further warnings were suppressed")
         lost = dropped - self._dropped
         if lost and abs(now_ns - self._losses_ns) * NS >= LOSSES_EVERY_S:
             self.event(now_ns, Severity.WARNING, f"{lost} messages were dropped: too many at once")
@@ -184,7 +184,7 @@ class Reporting:
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:
-        """Take note that an internal error withdrew the advice; the error itself was reported already."""
+        """Record that advice was withdrawn because of an internal error, which has already been reported."""
         self._shown = Regime.NONE, Cause.INTERNAL_ERROR
 
     def rejections(self, here: Estimate) -> None:
