@@ -15,7 +15,7 @@ from das.domain.errors import DasError, InputError
 from das.offline.refinement import refined
 from das.solver.solve import solve_front
 from docs.studies.output import write_csv
-from docs.studies.results import COLUMNS, FOLDER, PEER, RESULTS, TOLERANCE_S, Problem, read_rows, results
+from docs.studies.results import BUFFERS, COLUMNS, FOLDER, PEER, RESULTS, TOLERANCE_S, Problem, read_rows, results
 from tests.das.solver.test_solver import pose_reference
 from tests.support.benchmark import TRACKS, TRAIN, TRAINS, shared_data
 from tests.support.making import csv_rows
@@ -51,7 +51,11 @@ def test_the_published_rows_hold_together_and_need_no_more_than_the_peer() -> No
     rows = {(one, time_s): row for one, time_s, row in read_rows(RESULTS, COLUMNS)}
     for (_, time_s), row in rows.items():
         energy, bound = float(row["energy_kwh"]), float(row["bound_kwh"])
-        assert 0 <= energy - bound == pytest.approx(float(row["gap_percent"]) * abs(energy) / 100, abs=2e-4)
+        assert (
+            0
+            <= energy - bound
+            == pytest.approx(float(row["gap_percent"]) * abs(energy) / 100, abs=1e-4 + 1e-6 * abs(energy))
+        )
         assert float(row["least_time_s"]) < float(row["running_time_s"]) <= time_s + TOLERANCE_S
     assert {one[:2] for one, _ in rows} == {(track, train) for track in TRACKS for train in TRAINS}
     for problem, time_s, theirs in read_rows(PEER):
@@ -141,8 +145,10 @@ def test_a_tiny_library_is_solved_compared_and_an_interrupted_run_continues(
     head, *rows = solve(library, library)
     said = capsys.readouterr()
     assert head == ",".join(COLUMNS)
-    asked, pair = (dict(zip(COLUMNS, row.split(","), strict=True)) for row in sorted(rows))
-    assert float(pair["time_s"]) == pytest.approx(1.1 * float(pair["least_time_s"]), abs=0.11)
+    found = [dict(zip(COLUMNS, row.split(","), strict=True)) for row in rows]
+    (asked,) = (one for one in found if one["time_s"] == "130")
+    buffers = sorted(float(one["time_s"]) / float(one["least_time_s"]) - 1 for one in found if one is not asked)
+    assert buffers == pytest.approx(BUFFERS, abs=1e-3)
     assert (asked["time_s"], asked["running_time_s"][:5], asked["brakes"]) == ("130", "130.0", "electric")
     assert 0.0 <= float(asked["gap_percent"]) < 0.2
     above = 100.0 * (9.5 / float(asked["energy_kwh"]) - 1.0)
@@ -154,7 +160,7 @@ def test_a_tiny_library_is_solved_compared_and_an_interrupted_run_continues(
     (library / "ours.csv").write_text(f"{head}\n{rows[0].replace('1 core', 'kept core')}\n", encoding="utf-8")
     again = solve(library, library)
     assert "kept" in again[1]
-    assert again[2].split(",")[:10] == rows[1].split(",")[:10]
+    assert [row.split(",")[:10] for row in again[2:]] == [row.split(",")[:10] for row in rows[1:]]
     assert solve(library) == again
 
 
