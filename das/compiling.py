@@ -147,10 +147,8 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
             self._cache = _KeptKernels(self.py_func)
 
     def compile(self, sig: Any) -> Any:
-        """The compiled function for the types `sig`, loaded from disk or newly compiled.
-
-        Other processes wait for at most `LONGEST_WAIT_S`, on systems with locks, and then compile it themselves.
-        """
+        """The compiled function for the types `sig`, loaded from disk or newly compiled; where files can be locked,
+        other processes wait for it for at most `LONGEST_WAIT_S`."""
         try:
             return super().compile(sig)
         finally:

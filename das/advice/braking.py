@@ -40,9 +40,9 @@ BRAKED_MORE = 1.1
 AT_MARK_M = 10.0
 """Distance (m) from a stop at which the driver sees the mark, however uncertain the position is."""
 ALIKE = 0.9
-"""Share of the largest needed effort; places that need at least this share count as equally urgent."""
+"""Share of the largest needed effort; places that need at least that share count as equally urgent."""
 RIVALS = 0.8
-"""Share of the largest deceleration needed; an effort is computed only for places that need at least this share."""
+"""Share of the largest deceleration needed; an effort is computed only for places that need at least that share."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -109,11 +109,8 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) where a train with these speeds at the nodes ahead meets a braking curve.
-
-        If it meets none, this is the last node but one, or the position. If the train is above the curve here, the
-        speeds are first reduced by that excess.
-        """
+        """The place (m) where a train with these speeds at the nodes ahead meets a braking curve (else the last node
+        but one); if the train is above the curve here, the speeds are first reduced by that excess."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)

@@ -1,6 +1,6 @@
 """Least energies for the public benchmark TTOBench, in a table that others can compute again and compare with theirs.
 
-`python -m docs.studies.results --ttobench FOLDER` solves every track with every train at five buffers, and the problems
+`python -m docs.studies.results --ttobench FOLDER` solves every track with every train at one buffer, and the problems
 of the compared file. The rows go to docs/results/0.2/ttobench/results.csv; datapackage.json beside it explains the
 problem and the columns. At the end, or at once without FOLDER, the command prints the compared energies beside ours.
 """
@@ -47,8 +47,8 @@ RESULTS: Final = FOLDER / "results.csv"
 PEER: Final = FOLDER / "ms-eetc.csv"
 KINDS: Final = ("tracks", "trains")
 ELECTRIC, BOTH = BRAKES = ("electric", "electric+pneumatic")
-BUFFERS: Final = (0.02, 0.05, 0.1, 0.2, 0.3)
-"""Buffers of every pair; the running time is rounded up to 0.1 s."""
+BUFFER_RATIO: Final = 0.1
+"""Buffer of every pair; the running time is rounded up to 0.1 s."""
 TOLERANCE_S: Final = 1e-3
 """Largest excess (s) of a run over the time of its row."""
 POINT: Final = SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
@@ -73,8 +73,8 @@ COLUMNS: Final = (*list(CELLS)[:-1], *FIGURES, "machine", "version", "commit")
 """Columns of our table."""
 
 
-class Problem(NamedTuple):
-    """A problem for any running time: track and train by their files, losses and brakes, as in the table."""
+class Instance(NamedTuple):
+    """A problem of the benchmark for any running time: track and train by their files, losses and brakes."""
 
     track: str
     train: str
@@ -83,7 +83,7 @@ class Problem(NamedTuple):
 
 
 Row = Mapping[str, str]
-Rows = dict[tuple[Problem, float], Row]
+Rows = dict[tuple[Instance, float], Row]
 """Rows by problem and longest running time (s)."""
 
 
@@ -92,9 +92,10 @@ def constant(traction: float, brake: float) -> str:
     return f"constant {traction:g}/{brake:g}"
 
 
-def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[Problem, float, Row]]:
-    """Problem, time (s) and cells of each row of a table; InputError for a missing column or an invalid cell."""
-    table, found = csv.DictReader(io.StringIO(read_text(path)), restval=""), []
+def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[Instance, float, Row]]:
+    """Instance, time (s) and cells of each row of a table; InputError for a missing column or an invalid cell."""
+    table = csv.DictReader(io.StringIO(read_text(path)), restval="")
+    found: list[tuple[Instance, float, Row]] = []
     try:
         rows = list(table)
     except csv.Error as error:
@@ -107,11 +108,11 @@ def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[P
                 raise InputError(path, f"line {number}, {name}", row[name], expected)
         own = CONSTANT.fullmatch(row["loss_model"])
         model = constant(*map(float, own.groups())) if own else row["loss_model"]
-        found.append((Problem(row["track"], row["train"], model, row["brakes"]), float(row["time_s"]), row))
+        found.append((Instance(row["track"], row["train"], model, row["brakes"]), float(row["time_s"]), row))
     return found
 
 
-def posed(problem: Problem, route: Route, vehicle: Vehicle, loss_map: LossMap | None = None) -> Section:
+def posed(problem: Instance, route: Route, vehicle: Vehicle, loss_map: LossMap | None = None) -> Section:
     """The section of a problem: the whole track without a stop on the way, for a point mass from and to 1 m/s.
 
     A problem with a map needs `loss_map`. Raises InfeasibleError for what the train cannot do.
@@ -131,7 +132,7 @@ def posed(problem: Problem, route: Route, vehicle: Vehicle, loss_map: LossMap | 
     return build_section(route, vehicle, options=POINT)
 
 
-def every_pair(folder: Path) -> Iterator[Problem]:
+def every_pair(folder: Path) -> Iterator[Instance]:
     """Every track with every train of a folder and the train's own losses; DasError if the folder has none."""
     tracks, trains = (sorted((folder / kind).glob("*.json")) for kind in KINDS)
     if not tracks or not trains:
@@ -141,10 +142,10 @@ def every_pair(folder: Path) -> Iterator[Problem]:
         assert isinstance(own, EfficiencyLoss)  # the format has no other losses
         model = constant(1.0 / (1.0 + own.traction_ratio), 1.0 - own.brake_ratio)
         brakes = ELECTRIC if vehicle.brake_policy is BrakePolicy.ELECTRIC else BOTH
-        yield from (Problem(track.stem, path.stem, model, brakes) for track in tracks)
+        yield from (Instance(track.stem, path.stem, model, brakes) for track in tracks)
 
 
-def solved(problem: Problem, section: Section, times_s: Iterable[float]) -> Iterator[tuple[float, dict[str, str]]]:
+def solved(problem: Instance, section: Section, times_s: Iterable[float]) -> Iterator[tuple[float, dict[str, str]]]:
     """Each running time (s) with its cells of the table; a time below the least one has none."""
     began_s = time.process_time()
     front = solve_front(section, threads=1)
@@ -162,14 +163,16 @@ def solved(problem: Problem, section: Section, times_s: Iterable[float]) -> Iter
         yield time_s, {**problem._asdict(), "time_s": f"{time_s:.10g}", **dict(figures)}
 
 
-def solve_missing(folder: Path, maps: Mapping[str, LossMap], asked: Iterable[tuple[Problem, float]], out: Path) -> Rows:
+def solve_missing(
+    folder: Path, maps: Mapping[str, LossMap], asked: Iterable[tuple[Instance, float]], out: Path
+) -> Rows:
     """Solve the asked problems and every pair of a folder of TTOBench, except rows that the file has; returns all rows.
 
     The file is written after each section, so that an interrupted run continues there.
     """
     rows: Rows = {(one, time_s): row for one, time_s, row in read_rows(out, COLUMNS)} if out.exists() else {}
     pairs = list(every_pair(folder))
-    times: dict[Problem, set[float]] = {one: set() for one in pairs}
+    times: dict[Instance, set[float]] = {one: set() for one in pairs}
     for problem, time_s in asked:
         if problem.loss_model.startswith("constant") or problem.loss_model in maps:
             times.setdefault(problem, set()).add(time_s)
@@ -183,8 +186,7 @@ def solve_missing(folder: Path, maps: Mapping[str, LossMap], asked: Iterable[tup
                 warn(f"{' '.join(problem)}: no row; {error}")
                 continue
             if problem in pairs:
-                least_s = fastest(section).time_s
-                wanted_s.update(math.ceil(10.0 * (1.0 + one) * least_s) / 10.0 for one in BUFFERS)
+                wanted_s.add(math.ceil(10.0 * (1.0 + BUFFER_RATIO) * fastest(section).time_s) / 10.0)
             if missing_s := sorted(one for one in wanted_s if (problem, one) not in rows):
                 rows |= {(problem, at_s): cells | made for at_s, cells in solved(problem, section, missing_s)}
                 lines = ([row[name] for name in COLUMNS] for _, row in sorted(rows.items()))
@@ -208,7 +210,7 @@ def provenance() -> dict[str, str]:
     return {"machine": machine, "version": das.__version__, "commit": head + ("-changed" if changed else "")}
 
 
-def comparison(theirs: Iterable[tuple[Problem, float, Row]], rows: Rows) -> Iterator[str]:
+def comparison(theirs: Iterable[tuple[Instance, float, Row]], rows: Rows) -> Iterator[str]:
     """A Markdown table of energies beside our energy and bound for the same time; rows without ours are left out."""
     yield "| track | train | losses | brakes | time s | theirs kWh | ours kWh | bound kWh | theirs above ours |"
     yield f"|{'---|' * 4}{'---:|' * 5}"

@@ -481,7 +481,7 @@ def _fastest_mps(section: Section) -> Floats:
     time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < math.inf:
         raise InfeasibleError(
-            f"{section.name}: the train stalls on its way, or the section is too short for the train to move"
+            f"{section.name}: the train stalls on the way, or the section is too short for it to move"
         )
     return speeds
 

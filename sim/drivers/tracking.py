@@ -45,7 +45,7 @@ class TrackingSettings:
     """Speed (m/s) below which a train brakes for its stop with the deceleration that the remaining distance needs."""
     stopping_ratio: float = 0.85
     """Share of the planned deceleration; braking to the stopping point begins when the deceleration needed for the
-    remaining distance reaches this share."""
+    remaining distance reaches that share."""
     last_m: float = 0.05
     """Last distance (m) before the stopping point; within it and beyond the point, braking is as planned."""
     last_mps: float = 0.02

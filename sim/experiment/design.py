@@ -189,7 +189,7 @@ class Design:
     hash: str = ""
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
-        """All combinations of levels of the factors within (or between) participants; without factors, one empty one."""
+        """All combinations of the levels of the factors within (or between) participants; one empty one without any."""
         some = [factor for factor in self.factors if factor.within is within]
         return [
             {factor.name: level for factor, level in zip(some, levels, strict=True)}

@@ -113,10 +113,8 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """The number of different orders, after which they repeat; None if orders are drawn at random.
-
-    Each repetition of a participant takes an order of its own.
-    """
+    """The number of different orders, after which they repeat (each repetition of a participant takes one); None if
+    orders are drawn at random."""
     if order is ConditionOrder.WILLIAMS:
         return conditions * (1 if conditions % 2 == 0 or conditions == 1 else 2)
     return 1 if order is ConditionOrder.LISTED else None

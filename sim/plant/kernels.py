@@ -184,10 +184,8 @@ def line_means(line, s, way):
 
 @kernel
 def weather_at(line, s, t, length):
-    """State of the rail (1 = dry) and head wind (m/s) for a train with its head at s.
-
-    Each patch of weather counts with the share of the train's length that is in it.
-    """
+    """State of the rail (1 = dry) and head wind (m/s) for a train with its head at s; a patch counts with the share
+    of the train that is in it."""
     rail, wind = 1.0, 0.0
     for k in range(line.weather.shape[0]):
         patch = line.weather[k]
@@ -328,7 +326,7 @@ def step(x, u, began, into, dt, line, p, a, c):
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
     train and the step's distance. The weather is that at the start of the step. The supply is the lowest under the head
     during the step, so a neutral section, a zone without regeneration or a lower receptivity applies from the step that
-    reaches it. Braking energy is booked where it ends up, so that the energy balance closes.
+    reaches it. Braking energy is booked where it ends up, to close the energy balance.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)

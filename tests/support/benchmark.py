@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from das.domain.files.load import locate_vehicle
-from docs.studies.results import PEER, Problem, read_rows
+from docs.studies.results import PEER, Instance, read_rows
 from tests.support.making import REPOSITORY
 from tests.support.needs import missing
 
@@ -75,7 +75,7 @@ def tracks_here() -> list[str]:
 class ReferenceResult(NamedTuple):
     """The energy that another optimiser found for a problem of the benchmark at a time."""
 
-    problem: Problem
+    problem: Instance
     time_s: float
     energy_kwh: float
 

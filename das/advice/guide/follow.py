@@ -45,7 +45,7 @@ BRIEF_S, GAINS_S = 30.0, 2.5
 than forecast. A brake for the stop is released for at least `BRIEF_S`, except when even the smallest effort brakes too
 much."""
 EARLY_RATIO = 0.5
-"""Share of the planned braking effort; if less than this is still needed, coasting or creeping replaces the brake."""
+"""Share of the planned braking effort; if less than that is still needed, coasting or creeping replaces the brake."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed (m/s) at which a train creeps to its stop."""
 
@@ -53,10 +53,8 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here.
-
-    If the remembered step begins more than `STANDS_S` from now, the step in force is sought from the first one again.
-    """
+    """The memory at the step in force here, sought from the remembered step on; if that one begins more than `STANDS_S`
+    from now, from the first step on."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
@@ -193,10 +191,8 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """The proposal to coast to the end speed of coasting, or to hold that speed.
-
-    It is held if holding is as good, or if the train has nearly reached it.
-    """
+    """The proposal to coast to the end speed of coasting, or to hold that speed if this is
+    as good or the speed is nearly reached."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps

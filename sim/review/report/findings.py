@@ -229,10 +229,8 @@ def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """The place at which a cause took energy.
-
-    For a temporary restriction it is the restricted stretch, although energy is already lost from the announcement on.
-    """
+    """The place at which a cause took energy; for a temporary restriction the restricted stretch, although energy is
+    already lost from the announcement on."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,

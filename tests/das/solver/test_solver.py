@@ -26,7 +26,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from docs.studies.results import POINT, Problem, posed
+from docs.studies.results import POINT, Instance, posed
 from precompute.cli.report import solution_json
 from tests.support import raw_data
 from tests.support.benchmark import LEAST_TIMES_S, ReferenceResult, reference_results, track_path, train_path
@@ -308,7 +308,7 @@ def test_bundled_routes_at_every_level(route: Route, level: Level) -> None:
             assert (solution.trajectory.force_el_n >= 0).all()
 
 
-def pose_reference(problem: Problem, map_path: Path | None) -> tuple[Section, Line, Train, Loss]:
+def pose_reference(problem: Instance, map_path: Path | None) -> tuple[Section, Line, Train, Loss]:
     """A problem of the benchmark as the solver gets it, and as the verifier reads it."""
     track, own_path = track_path(problem.track), train_path(problem.train)
     train = replace(Train.read(own_path), length_m=0.0)
@@ -328,7 +328,7 @@ def pose_reference(problem: Problem, map_path: Path | None) -> tuple[Section, Li
 
 def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None) -> None:
     """Energy at most 0.1 % above the best public optimiser at the same time, and nothing the verifier finds wrong."""
-    fronts: dict[Problem, tuple[Front, Line, Train, Loss]] = {}
+    fronts: dict[Instance, tuple[Front, Line, Train, Loss]] = {}
     for result in results:
         key = result.problem
         if key not in fronts:
