@@ -16,7 +16,7 @@ from das.offline.refinement import refined
 from das.solver.solve import solve_front
 from docs.studies.output import write_csv
 from docs.studies.results import (
-    BUFFERS,
+    BUFFER_RATIO,
     COLUMNS,
     FOLDER,
     PEER,
