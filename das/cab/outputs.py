@@ -191,7 +191,7 @@ class Reporting:
         """Report that positions begin to be rejected, or that the estimate has restarted elsewhere."""
         rejected, restarts = self._counted
         if here.restarts > restarts:
-            self.event(here.time_ns, Severity.WARNING, f"position: taken up again at {here.s_m:.0f} m")
+            self.event(here.time_ns, Severity.WARNING, f"position: estimate restarted at {here.s_m:.0f} m")
         rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, f"position: rejected, {wording.problem(here.rejection)}")
@@ -205,9 +205,9 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        late = "arrive late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
-        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere within the distance run in that time"
-        text = f"position: its time stamps {'agree with the clock again' if agree else way}"
+        side = "behind our clock (messages or their clock are late)" if off_s > 0 else "ahead of our clock"
+        way = f"are {abs(off_s):.1f} s {side}; the position is uncertain by the distance run in that time"
+        text = f"position: time stamps {'agree with our clock again' if agree else way}"
         self.complain(here.time_ns, text, severity)
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:
