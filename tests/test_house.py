@@ -33,7 +33,7 @@ BUDGETS = {
     "das": Budget(27_360, 140),
     "precompute": Budget(10_600, 47),
     "sim": Budget(35_185, 149),
-    "docs/studies": Budget(6_165, 37),
+    "docs/studies": Budget(6_170, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -49,6 +49,8 @@ KINDS: Final = ("tracks", "trains")
 ELECTRIC, BOTH = BRAKES = ("electric", "electric+pneumatic")
 BUFFER_RATIO: Final = 0.1
 """Buffer of every pair; the running time is rounded up to 0.1 s."""
+ROUNDING_KWH: Final = 0.005
+"""Tolerance (kWh) of energies of others, which may be rounded to two decimals."""
 TOLERANCE_S: Final = 1e-3
 """Largest excess (s) of a run over the time of its row."""
 POINT: Final = SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
@@ -237,6 +239,13 @@ def results(ttobench: Path | None, loss_map: Path | None, compare: Path, out: Pa
         rows = solve_missing(ttobench, maps, [one[:2] for one in theirs], out)
     for line in comparison(theirs, rows):
         tell(line)
+    pairs = [
+        (float(row["energy_kwh"]), rows[one, at_s]["bound_kwh"]) for one, at_s, row in theirs if (one, at_s) in rows
+    ]
+    if low := sum(energy_kwh + ROUNDING_KWH < float(bound or "-inf") for energy_kwh, bound in pairs):
+        warn(
+            f"energies below the proven bound: {low} of {len(pairs)}; integrate them in fine steps, and check the problem"
+        )
     if lacking := sum((problem, time_s) not in rows for problem, time_s, _ in theirs):
         warn(f"{lacking} of {len(theirs)} rows of {compare} have no row for the same time in {out}")
 

@@ -169,6 +169,9 @@ def test_a_tiny_library_is_solved_compared_and_an_interrupted_run_continues(
     assert "kept" in again[1]
     assert [row.split(",")[:10] for row in again[2:]] == [row.split(",")[:10] for row in rows[1:]]
     assert solve(library) == again
+    (library / "theirs.csv").write_text(HEAD + "short,own,constant 0.9/0.8,electric,130,1\n", encoding="utf-8")
+    solve(library)
+    assert "energies below the proven bound: 1 of 1;" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
