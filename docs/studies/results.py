@@ -243,9 +243,7 @@ def results(ttobench: Path | None, loss_map: Path | None, compare: Path, out: Pa
         (float(row["energy_kwh"]), rows[one, at_s]["bound_kwh"]) for one, at_s, row in theirs if (one, at_s) in rows
     ]
     if low := sum(energy_kwh + ROUNDING_KWH < float(bound or "-inf") for energy_kwh, bound in pairs):
-        warn(
-            f"energies below the proven bound: {low} of {len(pairs)}; integrate them in fine steps, and check the problem"
-        )
+        warn(f"energies below the proven bound: {low} of {len(pairs)}; integrate in fine steps, and check the problem")
     if lacking := sum((problem, time_s) not in rows for problem, time_s, _ in theirs):
         warn(f"{lacking} of {len(theirs)} rows of {compare} have no row for the same time in {out}")
 
