@@ -1,11 +1,12 @@
-"""Compiling kernels with numba, and keeping the compiled code by the hash of the source text that it depends on.
+"""Compiling kernels with numba, and storing the compiled code under a hash of the source text that it depends on.
 
 Numba keeps compiled code on disk, but it checks only the file of a kernel to tell whether the code is still valid. A
 kernel also contains the kernels that it calls and the constants that it reads, whatever file they are in. Therefore the
 folder with a module's compiled code is named by a hash of that module and of all our modules that it imports.
 
-Savings in a cold `solve` of 40 s (numba 0.68, two cores, 23 November 2026): no wrappers for C, and loops in place of
-assignments to slices, 9 s; parts, 11 s; a second process, with which the claims share the work, 8 s.
+Time saved of the 40 s that a cold `solve` took before (numba 0.68, two cores, 23 November 2026): 9 s by leaving out
+wrappers for C and by loops in place of assignments to slices; 11 s by compiling parts (`_Part`); 8 s by a second
+process that compiles other kernels meanwhile (`_claim`).
 """
 
 from __future__ import annotations
@@ -67,9 +68,9 @@ _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
 
 
 def compiled(**options: Any) -> Callable[[Any], Any]:
-    """A decorator that compiles a function without the GIL, with IEEE 754 division, and keeps the code on disk.
+    """A decorator that compiles a function to run without the GIL, with IEEE 754 division, and keeps the code on disk.
 
-    `options` are further options of `numba.njit`. If no folder can keep the code, every start compiles it again.
+    `options` are further options of `numba.njit`. If no folder is writable, every start compiles the function again.
     """
 
     def decorated(function: Any) -> Any:
@@ -82,11 +83,11 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
 
 
 class _Part(_NumbaLibrary):  # type: ignore[misc]
-    """The code of a kernel for the kernels that call it, in LLVM's language; each caller compiles it with its own.
+    """A kernel as LLVM IR, for the kernels that call it; each caller compiles it together with its own code.
 
     Numba by itself would also generate machine code, which is never called, and wrappers for calls from outside. The
-    code is optimised exactly as by numba: with less optimisation trajectories would take 1.1 times as long, and fast
-    mathematics would round differently.
+    code is optimised exactly as by numba: with less optimisation trajectories would take 1.1 times as long, and
+    `fastmath` would round differently.
     """
 
     def finalize(self) -> None:
@@ -131,7 +132,8 @@ class _WholeCompiler(_NumbaCompiler):  # type: ignore[misc]
 class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
     """A compiled function. Python calls it as a whole, kernels call it as a part; both are compiled when first needed.
 
-    Kernels never call a whole, even if it exists, so that the order of calls cannot change what is compiled.
+    Kernels never call the version for Python, even if it exists, so that the order of calls cannot change what is
+    compiled.
     """
 
     _compiler: Any
@@ -145,7 +147,8 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
             self._cache = _KeptKernels(self.py_func)
 
     def compile(self, sig: Any) -> Any:
-        """The compiled function for the types `sig`, kept or new; only one process at a time compiles it."""
+        """The compiled function for the types `sig`, loaded from disk or newly compiled; where files can be locked,
+        other processes wait for it for at most `LONGEST_WAIT_S`."""
         try:
             return super().compile(sig)
         finally:
@@ -153,7 +156,7 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
                 self._cache.release()
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """The way to call this kernel with arguments of these types; numba requests it while it compiles the caller."""
+        """The call template of this kernel for these argument types; numba requests it while it compiles the caller."""
         pysig, args = self._part_compiler.fold_argument_types(args, kws)
         if args not in self._parts:
             self._parts[args] = self._part_compiler.compile(args, None)
@@ -196,7 +199,8 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The compiled function for the types `sig`; None if it was never compiled.
 
-        If another process is compiling the function, the call waits. After None, this process must compile it.
+        If another process is compiling the function, the call waits. If the result is None, this process must
+        compile the function.
         """
         rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
@@ -207,7 +211,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
             return found
 
     def _claim(self) -> None:
-        """Claim the compilation of this function, after any other process that has claimed it."""
+        """Wait for a process that compiles this function, at most `LONGEST_WAIT_S`, and claim the compilation."""
         if fcntl is None:
             return
         with suppress(OSError):
@@ -248,7 +252,7 @@ def cache_root() -> Path | None:
             tempfile.TemporaryFile(dir=folder).close()
             return folder
     warnings.warn(
-        "compiled kernels cannot be kept, so every start compiles them again (some 15 s): "
+        "compiled kernels cannot be kept, so every start compiles them again (10 to 15 s): "
         "set NUMBA_CACHE_DIR to a folder that can be written to",
         RuntimeWarning,
         stacklevel=2,
@@ -311,8 +315,8 @@ class SourcesMissingError(DasError):
 def sources_of(modules: Collection[str], *, packages: Collection[str] = OUR_PACKAGES) -> dict[str, bytes]:
     """The source text of modules and of all modules of `packages` that they import, directly or not, by name.
 
-    Imports inside functions count as well. A package counts if something is imported from it by name. Raises
-    SourcesMissingError if a source file is not installed.
+    Imports inside functions count as well. `from package import name` counts as an import of the package, and of the
+    module `package.name` if there is one. Raises SourcesMissingError if a source file is not installed.
     """
     found: dict[str, bytes] = {}
     waiting = list(modules)

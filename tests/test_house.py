@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_350, 140),
+    "das": Budget(27_360, 140),
     "precompute": Budget(10_600, 47),
-    "sim": Budget(35_660, 151),
-    "docs/studies": Budget(5_980, 36),
+    "sim": Budget(35_680, 151),
+    "docs/studies": Budget(6_180, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

@@ -28,9 +28,9 @@ SPEED_SLACK_MPS = 0.2
 ABOVE_MPS = 0.2
 """Largest excess (m/s) over the planned speed at which a train need not brake."""
 LEVEL_MPS = 1e-6
-"""Decrease (m/s) of the speed over an interval; with a smaller one a braking curve counts as level."""
+"""Decrease (m/s) of the speed over an interval below which a braking curve counts as level."""
 BEGINS_MPS = 0.05
-"""Decrease (m/s) of the speed ahead; with a larger one a braking curve counts as falling."""
+"""Decrease (m/s) of the speed ahead above which a braking curve counts as falling."""
 BACK_IN_S = 4.0
 """Time (s) in which a train above a limit is braked back to it."""
 LEAST_MPS2 = 0.02
@@ -40,9 +40,9 @@ BRAKED_MORE = 1.1
 AT_MARK_M = 10.0
 """Distance (m) from a stop at which the driver sees the mark, however uncertain the position is."""
 ALIKE = 0.9
-"""Share of the largest needed effort; places that need at least so much count as equally urgent."""
+"""Share of the largest needed effort; places that need at least that share count as equally urgent."""
 RIVALS = 0.8
-"""Share of the largest deceleration needed, with the brake built up, above which an effort is computed."""
+"""Share of the largest deceleration needed; an effort is computed only for places that need at least that share."""
 
 
 def braking_mode(effort: float) -> Regime:
@@ -95,12 +95,12 @@ class BrakingAhead:
         return math.sqrt(kernels.lowest_w(s_m, s_m + way_m, self.section.node_m, self._planned_w))
 
     def allowed_mps(self, s_m: float) -> float:
-        """The highest speed (m/s) from which full braking keeps every limit and the stop, from `feared_m` on."""
+        """The highest speed (m/s) from which full braking at `feared_m` still keeps every limit and the stop."""
         return float(np.interp(self.feared_m(s_m), self.section.node_m, self.section.allowed_mps))
 
     def feared_m(self, s_m: float) -> float:
-        """The furthest position (m) of a train estimated at `s_m`: the planned deviation ahead, but not beyond the
-        place from which the driver sees the mark."""
+        """The furthest position (m) of a train estimated at `s_m`: ahead by the position error that plans allow
+        for, but not beyond the place from which the driver sees the mark."""
         planned, mark_m = self.section.braking, self.section.end_m - AT_MARK_M
         return s_m if planned is None else max(s_m, min(s_m + planned.deviation_m, mark_m))
 
@@ -109,7 +109,8 @@ class BrakingAhead:
         return len(self.section.node_m) - 1 - _interval(self.section, s_m)
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
-        """The place (m) where a train meets a braking curve, or the end; the speeds are reduced by the excess here."""
+        """The place (m) where a train with these speeds at the nodes ahead meets a braking curve (else the last node
+        but one); if the train is above the curve here, the speeds are first reduced by that excess."""
         nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
@@ -206,7 +207,7 @@ class BrakingAhead:
         return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(s_m, v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
-        """The wheel force (N, <= 0) of a braking effort here, at most what the brakes give."""
+        """The wheel force (N, <= 0) of a braking effort here, at most the force available."""
         v = max(v_mps, 0.1)
         most_n = _most_n(self.section, self._train, _interval(self.section, s_m), v)
         return -min(effort * float(kernels.full_effort(v, self._train)), most_n)

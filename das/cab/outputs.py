@@ -169,7 +169,7 @@ class Reporting:
     def losses(self, now_ns: int, dropped: int) -> None:
         """Report the number of suppressed faults, and of messages lost in floods (`dropped`: in total)."""
         if suppressed := self._complaints.take_suppressed(now_ns):
-            self.event(now_ns, Severity.WARNING, f"{suppressed} more messages were ignored")
+            self.event(now_ns, Severity.WARNING, f"{suppressed} further warnings were suppressed")
         lost = dropped - self._dropped
         if lost and abs(now_ns - self._losses_ns) * NS >= LOSSES_EVERY_S:
             self.event(now_ns, Severity.WARNING, f"{lost} messages were dropped: too many at once")
@@ -184,14 +184,14 @@ class Reporting:
             self._shown = advice.mode, advice.cause
 
     def note_internal_error(self) -> None:
-        """Take note that an internal error withdrew the advice; the error itself was reported already."""
+        """Record that advice was withdrawn because of an internal error, which has already been reported."""
         self._shown = Regime.NONE, Cause.INTERNAL_ERROR
 
     def rejections(self, here: Estimate) -> None:
         """Report that positions begin to be rejected, or that the estimate has restarted elsewhere."""
         rejected, restarts = self._counted
         if here.restarts > restarts:
-            self.event(here.time_ns, Severity.WARNING, f"position: taken up again at {here.s_m:.0f} m")
+            self.event(here.time_ns, Severity.WARNING, f"position: estimate restarted at {here.s_m:.0f} m")
         rejecting = here.rejected > rejected
         if rejecting and not self._rejecting and here.rejection is not None:
             self.event(here.time_ns, Severity.WARNING, f"position: rejected, {wording.problem(here.rejection)}")
@@ -205,9 +205,9 @@ class Reporting:
         agree = abs(off_s) < CLOCKS_DIFFER_S
         self._clock_reported = (0.0 if agree else off_s), here.time_ns
         severity = Severity.INFO if agree else Severity.WARNING
-        late = "arrive late, or their clock is behind:" if off_s > 0 else "are ahead of the clock:"
-        way = f"{late} {abs(off_s):.1f} s; the train may be anywhere within the distance run in that time"
-        text = f"position: its time stamps {'agree with the clock again' if agree else way}"
+        side = "behind our clock (messages or their clock are late)" if off_s > 0 else "ahead of our clock"
+        way = f"are {abs(off_s):.1f} s {side}; the position is uncertain by the distance run in that time"
+        text = f"position: time stamps {'agree with our clock again' if agree else way}"
         self.complain(here.time_ns, text, severity)
 
     def plan(self, plan: Plan | None, now_ns: int) -> None:

@@ -119,7 +119,9 @@ def _journey_section(
     speeds = np.zeros(len(nodes))
     time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < np.inf:
-        raise InfeasibleError(f"{section.name}: the train stalls on the way, or the section is too short to move")
+        raise InfeasibleError(
+            f"{section.name}: the train stalls on the way, or the section is too short for it to move"
+        )
     for node, passing in zip(inner, passings, strict=True):
         if speeds[node] < section.floor_mps[node] - tol.SPEED_TOLERANCE_MPS:
             raise _speed_error(section, passing, 0.0, float(speeds[node]))

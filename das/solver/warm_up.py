@@ -16,7 +16,7 @@ from das.solver.state import least_time_s
 
 
 def warm_up() -> Front:
-    """Solve a tiny section with every entry point of the solver; the first time on a machine takes about 10 s."""
+    """Front of a tiny section, solved with every entry point; the first call on a machine takes 10 to 15 s."""
     front = solve_front(build_section(tiny_route(), tiny_vehicle()), lambda_w=np.array([1e4, 1e5, 1e6]))
     shortest_s = front.fastest().time_s
     for buffer_ratio in (0.01, 0.1, 0.3):

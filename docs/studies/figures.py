@@ -36,7 +36,7 @@ KEPT: Final = ROOT / "build" / "figures"
 SOURCES: Final = (
     *("das", "sim", "precompute", "docs/studies", "docs/results/0.2/preview-of-advice"),
     "recordings/zurich-zug-late.mcap",
-    *("tests/das/estimate", "tests/das/solver", "tests/support"),
+    *("tests/das/estimate", "tests/support"),
 )
 """Folders and files on which the output of a command depends."""
 LIBRARIES: Final = ("numpy", "numba", "scipy", "matplotlib")

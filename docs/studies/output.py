@@ -93,7 +93,7 @@ def write_csv(path: Path, lines: Iterable[str]) -> None:
     for line in lines:
         print(line, flush=True)
         if set(line) - set("|-: "):
-            rows.append(line.strip("|").strip().split(" | "))
+            rows.append(line.removeprefix("|").removesuffix("|").split(" | "))
     write_whole(path, csv_text(rows).encode())
 
 

@@ -39,21 +39,22 @@ SCANNED_SPEEDS = 8
 """Number of cruising speeds tried before the search around the best one."""
 GOLDEN_STEPS = 9
 TRIED_SPEEDS, ENOUGH_RATIO = 20, 2e-3
-"""Largest number of cruising speeds for which runs on time are sought, and the ratio above the dual value within which
-the energy of a run ends the search earlier."""
+"""Largest number of cruising speeds for which runs on time are sought, and the relative excess over the dual value: a
+run with no more energy than that ends the search."""
 MAX_PRICES = 60
 HIGHEST_PRICE_RATIO = 1e3
-"""Highest price of time tried for coasting, as a multiple of the traction power: no loss of time pays at it."""
+"""Highest price of time tried for coasting, as a multiple of the traction power: so high that no loss of time is
+worthwhile."""
 SPARE_RATIO, SPARE_S = 1.2, 5.0
-"""Multiple of the spare time, and additional time (s): an arc that loses more than their sum is given up."""
+"""Multiple of the spare time, and additional time (s): an arc that loses more time than their sum is dropped."""
 NEAR_S = 0.7
-"""Largest deviation (s) from the wanted time that a set of arcs makes up with its cruising speed."""
+"""Largest deviation (s) of a set of arcs from the wanted time that is made up by changing the cruising speed."""
 EXCHANGES = 5
 """Largest number of arcs that are exchanged to approach the wanted time."""
 TUNED_RATIO = 0.05
 """Largest relative change of the cruising speed to bring a run with given arcs to the wanted time."""
 MAX_TUNED, ENOUGH_TUNED = 20, 3
-"""Largest number of sets of arcs that are tried, and the number of runs on time that is enough."""
+"""Largest number of sets of arcs that are tried, and the number of runs on time after which the search stops."""
 
 
 class BaselineRun(NamedTuple):
@@ -221,7 +222,8 @@ class _Arcs:
     def near_time(self) -> list[_Path]:
         """Sets of arcs that take about the spare time; first the set that is best at the price of time.
 
-        The time of the best arcs jumps with the price. Towards it, arcs of both sides are added, left out or exchanged.
+        The time of the best arcs jumps with the price. To approach the spare time, arcs are added to, removed from or
+        exchanged in the best sets on both sides of the jump.
         """
         slow, quick, price_w = self.around()
         if slow is quick:
@@ -441,16 +443,16 @@ def four_modes(section: Section, time_s: float) -> Baseline:
 
     For constant efficiency these are the regimes of the optimum (e.g. Howlett & Pudney 1995). One cruising speed v
     holds for the section, as for `reduced_maximum_speed`; from that base run the train may coast at any node of the
-    grid, until its speed meets the base run again: where that brakes, or earlier, from below or (on a descent) from
-    above. Full brake means all brakes, or the motors at full effort (with friction only to hold a speed): whichever is
-    better, for the whole section.
+    grid, until its speed equals that of the base run again: where the base run brakes, or earlier, reaching that speed
+    from below or, on a descent, from above. Full brake means all brakes, or the motors at full effort (with friction
+    only to hold a speed): whichever is better, for the whole section.
 
     Best switching points: for a given v, coasting arcs do not depend on each other, so for a price of time the best set
     is a shortest path along the nodes. The price is found by cutting planes, v by a scan and golden section on the dual
     value (least energy + price·time − price·time wanted), which varies smoothly although arcs begin at nodes. Where the
     time jumps with the price, single arcs are exchanged. Finally, v is moved a little, with the arcs kept, until the
     time is hit to `TIME_TOLERANCE_S`. The top-speed run is a candidate, so the result never needs more energy. Another
-    cruising speed for each limit, or a run-up above v before a climb, is not tried.
+    cruising speed for each limit, or a run-up above v that a climb does not require, is not tried.
 
     A time below the least possible gives the fastest run (`Fit.LATE`); if a slower run would cost more energy, the
     least-energy run is returned (`Fit.EARLY`). Raises DasError for a time that is not positive.
@@ -478,7 +480,9 @@ def _fastest_mps(section: Section) -> Floats:
     speeds[0] = section.start_speed_mps
     time_s = fastest_roll_out(section.for_kernels, section.envelope_mps, section.train, speeds)
     if not 0 <= time_s < math.inf:
-        raise InfeasibleError(f"{section.name}: the train stalls on its way, or the section is too short to move")
+        raise InfeasibleError(
+            f"{section.name}: the train stalls on the way, or the section is too short for it to move"
+        )
     return speeds
 
 

@@ -113,15 +113,15 @@ def journey(
     stops: StopsOptions,
     files: JourneyFiles,
 ) -> None:
-    """Plan a train's whole journey for the least energy: times at all points, and driving between them.
+    """Plan a train's whole journey with the least energy: the times at all points, and the driving between them.
 
-    Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. If no
-    window binds, the time is divided so that one second less would cost the same everywhere; this price of time changes
-    only at a window that binds. With "stops" only the departure (at 0) and the last arrival are timed.
+    Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. The time
+    is divided so that one second less would cost the same energy on every section; this price of time changes only at a
+    window that binds. With "stops" only the departure (at 0) and the last arrival are timed.
 
-    For comparison the command prints the energy with the same buffer in per cent everywhere, and with driving as fast
-    as possible and waiting, both within the same windows. An error names windows that cannot be kept and the missing
-    seconds.
+    For comparison the command prints the energy of two other plans within the same windows: one with the same buffer
+    (in per cent) on every section, and one that drives as fast as possible and then waits. An error names windows that
+    cannot be kept and the missing seconds.
     """
     posed = TrainOnLine(where=where, driven=driven, world=world)
     files.check(journey, *posed.inputs())

@@ -15,14 +15,16 @@ from das.domain.errors import DasError
 from sim.options import MOST_NOTCHES
 
 LARGEST_BYTES: Final = 4096
-"""Longest message of a page (bytes); the longest of the desk's own page has 120."""
+"""Longest message accepted from a page (bytes). An answer to a questionnaire has up to 500 characters; all other
+messages of the desk's own page are shorter."""
 Count = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 WallMs = Annotated[float, msgspec.Meta(ge=0, le=4e12)]
 """A time on the browser's wall clock (ms since 1970)."""
 
 
 class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
-    """A new setting of the controller: sequence number, setting (−1 … 1), time, device, and preceding look."""
+    """A new setting of the controller: sequence number, setting (−1 … 1), time, input device, and the number of the
+    last view of the cab that the page had received."""
 
     k: Count
     ratio: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -32,7 +34,8 @@ class Lever(msgspec.Struct, tag_field="t", tag="lever", frozen=True):
 
 
 class FrameDrawn(msgspec.Struct, tag_field="t", tag="drawn", frozen=True):
-    """Report that the page has drawn a frame since its last message, the newest with this look: the desk is visible."""
+    """Report that the page is visible: it has drawn a frame since its last report. `look` is the number of the newest
+    view drawn."""
 
     look: Count
 
@@ -75,7 +78,8 @@ class Stopped(msgspec.Struct, tag_field="t", tag="stop", frozen=True):
 
 
 class Acted(msgspec.Struct, tag_field="t", tag="act", frozen=True):
-    """The answer to a request (number, from 1) of a task beside driving, and when it was drawn; 0: there was none."""
+    """A response in a secondary task: the number of the request answered (from 1; 0: no request was shown), and when
+    that request was drawn."""
 
     what: Annotated[str, msgspec.Meta(max_length=16)]
     at: WallMs
@@ -91,7 +95,7 @@ _encoder: Final = msgspec.json.Encoder()
 
 
 def heard(text: str, decoder: msgspec.json.Decoder[Any] = _decoder) -> Any | None:
-    """The decoded message of a page; None if it is invalid: no JSON, a wrong type, a number out of range.
+    """The decoded message of a page; None if it is invalid: not JSON, a wrong type, a number out of range.
 
     Valid messages are not nested. A deeply nested text must not reach the decoder, which would recurse.
     """

@@ -175,11 +175,11 @@ def _mark(one: DriveEvent) -> str:
         case EventKind.WITHDRAWAL if lasted_s >= HOLDS_S:
             return "advice withdrawn"
         case EventKind.LAPSE if lasted_s >= HOLDS_S:
-            return "nothing heard"
+            return "no messages received"
         case EventKind.DRIVER if one.facts.get("followed") is False:
             return REFUSED
         case EventKind.DRIVER if one.facts.get("away_s", 0.0) >= LONG_AWAY_S:
-            return "attention away"
+            return "driver inattentive"
         case EventKind.DEVIATION:
             return "a minute off the timetable"
         case _:
@@ -187,10 +187,10 @@ def _mark(one: DriveEvent) -> str:
 
 
 def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """The first moment at which the train was, or was expected to arrive, a minute off its timetable; else nothing.
+    """The first event of being, or of being expected to arrive, a minute or more off the timetable.
 
-    The operator reports the present lateness, the node predicts the lateness at arrival. Without a timetable there is
-    none.
+    The operator reports the present lateness; the node predicts that at arrival. Without a timetable there is no such
+    event.
     """
     if table.own_timetable:
         return
@@ -199,7 +199,7 @@ def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
     firsts = [
         (int(time_ns[at]), float(late_s[at]), said)
         for time_ns, late_s, said in (
-            (told_ns, delay_s, "the operator reports"),
+            (told_ns, delay_s, "the operator reports the train"),
             (advised_ns, np.where(mode > 0, deviation_s, 0.0), "the next arrival is expected"),
         )
         for at in np.flatnonzero(np.abs(late_s) >= LARGE_DEVIATION_S)[:1]
@@ -423,18 +423,18 @@ def withdrawal_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 
 def place_text(s_m: float) -> str:
-    """A position as "km 12.3"; nothing for NaN."""
+    """A position as "km 12.30"; nothing for NaN."""
     return "" if math.isnan(s_m) else f"km {s_m / KM:.2f}"
 
 
 DELAY_STEP_S: Final = 15.0
-"""Least change (s) of a delay since its last event for a new event; smaller changes are frequent."""
+"""Least change (s) of the delay since the last delay event for a new event; smaller changes are frequent."""
 
 
 def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> tuple[DriveEvent, ...]:
-    """Everything that happened on a drive, in order of time, with the line's times of day.
+    """Everything that happened on a drive, in order of time, with times of day in the time zone of the line.
 
-    `made` are the stops as served, `limit_mps` is the limit in force (m/s) at every position of its course.
+    `made` are the stops as served, `limit_mps` is the limit in force (m/s) at every position of the drive.
     """
     trip, inputs = table.course, table.known_inputs
     found = (
@@ -527,7 +527,7 @@ def _delays(table: DriveTable) -> Iterator[DriveEvent]:
     before_s = 0.0
     for time_ns, delay_s in zip(*(one.tolist() for one in table.of_topic("delay", "delay_s")), strict=True):
         if abs(delay_s - before_s) >= DELAY_STEP_S:
-            text = f"the operator reports {lateness_text(delay_s)}"
+            text = f"the operator reports the train {lateness_text(delay_s)}"
             yield DriveEvent.on(table.course, EventKind.DELAY, time_ns, text, delay_s=delay_s)
             before_s = delay_s
 
@@ -535,18 +535,18 @@ def _delays(table: DriveTable) -> Iterator[DriveEvent]:
 LEVER_RATIO: Final = 0.03
 """Share of the effort below which a controller is at neutral."""
 LEAST_STOOD: Final = 5
-"""Least display time (s) of advice that must be followed: drivers take some seconds to react."""
+"""Least display time (s) of advice that should be followed: drivers take some seconds to react."""
 LONGEST_ANSWER_S: Final = 30.0
 """Time (s) after which an act of the driver is no longer an answer to the advice."""
 LATE_ANSWER_S: Final = 10.0
 """Time (s) after which an answer is called late."""
 LEAST_STAND_S: Final = 1.0
-"""Shortest standstill (s) on the way to the mark that counts as a stop."""
+"""Shortest standstill (s) outside the stops that becomes an event."""
 PAUSE_NS: Final = 5_000_000_000
-"""Longest pause (ns) of the positions that is no event; they usually come once a second."""
+"""Longest pause (ns) of the positions that is not an event; they usually arrive once a second."""
 
 DECIDED: Final = {"followed": True, "refused": False}
-"""A driver's decisions about advice, and whether each means that it is followed."""
+"""A driver's decisions about advice, and whether they mean that the advice is followed."""
 PULLS, COASTS, BRAKES = 1, 0, -1
 WANTED: Final = {
     Regime.FULL_TRACTION: PULLS,
@@ -661,7 +661,7 @@ def _answer(trip: DrivenCourse, at: NDArray[np.int64], does: NDArray[np.bool_], 
         text = f"{mode_name(mode)} was followed after {reaction_s:.0f} s{late}"
         facts: dict[str, Any] = {"followed": True, "reaction_s": reaction_s}
     else:
-        over = f"it stood for {stood_s:.0f} s" if stood_s <= LONGEST_ANSWER_S else f"{LONGEST_ANSWER_S:.0f} s"
+        over = f"shown for {stood_s:.0f} s" if stood_s <= LONGEST_ANSWER_S else f"within {LONGEST_ANSWER_S:.0f} s"
         text = f"{mode_name(mode)} was not followed ({over})"
         facts = {"followed": False, "stood_s": stood_s}
     return DriveEvent.on(trip, EventKind.DRIVER, int(at[0]), text, mode=mode_name(mode), **facts)

@@ -105,9 +105,10 @@ class PlannedComparison:
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """A factor that varies: its name, its levels, and whether each participant drives all of them (`within`) or one.
+    """A factor of the design: its name, its levels, and whether each participant drives all of them (`within`) or one.
 
-    It is one of `FACTORS`, or has a name of the user's and named levels, each of which fixes several `FACTORS`.
+    The name is one of `FACTORS`, or chosen by the user. In the latter case the levels have names, and each level fixes
+    one or more `FACTORS`.
     """
 
     name: str
@@ -188,7 +189,7 @@ class Design:
     hash: str = ""
 
     def conditions(self, *, within: bool) -> list[dict[str, FactorLevel]]:
-        """All combinations of levels of the factors within (or between) participants; one empty if there are none."""
+        """All combinations of the levels of the factors within (or between) participants; one empty one without any."""
         some = [factor for factor in self.factors if factor.within is within]
         return [
             {factor.name: level for factor, level in zip(some, levels, strict=True)}
@@ -201,7 +202,7 @@ class Design:
 
     @property
     def driven_by_people(self) -> bool:
-        """Whether people drive the trials of this design; then no simulated driver may."""
+        """Whether people drive the trials of this design; such a design must not contain simulated drivers."""
         return any(setting.driver is DESK for setting in self.settings())
 
     @property
@@ -398,12 +399,14 @@ def defaults(but: Collection[str]) -> dict[str, FactorLevel]:
 
 
 def _measures(table: Fields, desk: PeoplePlan | None, *, frozen: bool) -> tuple[str, ...]:
-    """The measures of a design. Scores of questionnaires may be among them; the check of the design looks for these."""
+    """The measures of a design. Scores of questionnaires may be among them; they are checked with the whole design."""
     frozen = frozen or (desk is not None and bool(desk.of_a_trial or desk.tasks))
     names = table.rows("measures", "a list of measures") if table.has("measures") else list(BUNDLED)
     for name in names:
         if not isinstance(name, str) or names.count(name) > 1 or (not frozen and name not in MEASURES):
-            raise table.error("measures", name, f"each once, of {'the columns' if frozen else ', '.join(MEASURES)}")
+            raise table.error(
+                "measures", name, f"each only once, one of {'the columns' if frozen else ', '.join(MEASURES)}"
+            )
     return tuple(names)
 
 
@@ -491,7 +494,9 @@ def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
         seeds=seeds,
     )
     if seeds and (found.repetitions, found.days) != (len(seeds), Days.COMMON):
-        raise table.error("seeds", list(seeds), f"{found.repetitions} seeds of days = 'common', one for a repetition")
+        raise table.error(
+            "seeds", list(seeds), f"{found.repetitions} seeds (one for each repetition), with days = 'common'"
+        )
     each = found.repetitions
     for factor in factors:
         each *= len(factor.levels) if factor.within else 1

@@ -113,7 +113,8 @@ def imbalances(design: Design, trials: Sequence[StudyTrial]) -> list[str]:
 
 
 def order_count(order: ConditionOrder, conditions: int) -> int | None:
-    """The number of participants after which the orders repeat; None if each participant's order is drawn."""
+    """The number of different orders, after which they repeat (each repetition of a participant takes one); None if
+    orders are drawn at random."""
     if order is ConditionOrder.WILLIAMS:
         return conditions * (1 if conditions % 2 == 0 or conditions == 1 else 2)
     return 1 if order is ConditionOrder.LISTED else None
@@ -149,7 +150,7 @@ def williams(count: int) -> list[list[int]]:
 FAILED: Final = ("trial", "participant", "condition", "error")
 """Columns of the list of failed trials."""
 ONE_AT_A_TIME: Final = Lock()
-"""Lock held while a trial is driven: the threads of a cluster's worker share their solved lines."""
+"""Lock held while a trial is driven: the threads of a cluster worker share solved lines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,9 +168,9 @@ class TrialJob:
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a trial with an equal hash need not be driven again.
+        """The hash of everything that affects the result; a trial with an equal hash need not be driven again.
 
-        Drivers other than the human one and a user's own drive identically for all participants.
+        All drivers, except the simulated human and users' own drivers, drive identically for every participant.
         """
         trial, setting = self.trial, self.trial.setting
         human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN

@@ -184,7 +184,8 @@ def line_means(line, s, way):
 
 @kernel
 def weather_at(line, s, t, length):
-    """State of the rail (1 = dry) and head wind (m/s) over a train with its head at s, by share of the train."""
+    """State of the rail (1 = dry) and head wind (m/s) for a train with its head at s; a patch counts with the share
+    of the train that is in it."""
     rail, wind = 1.0, 0.0
     for k in range(line.weather.shape[0]):
         patch = line.weather[k]
@@ -201,7 +202,7 @@ def weather_at(line, s, t, length):
 
 @kernel
 def supply_at(line, s, way):
-    """The lowest supply value under the head in the next `way` metres."""
+    """The lowest supply value on the next `way` metres ahead of the head."""
     i = _segment(line.supply_start_m, s)
     least = line.supply[i]
     while i + 1 < line.supply.size and line.supply_start_m[i + 1] < s + way:
@@ -323,8 +324,9 @@ def step(x, u, began, into, dt, line, p, a, c):
     """The state one step later; the step begins `into` s after the command, which was given at time `began`.
 
     Midpoint rule (second order) with a constant acceleration within the step. Line forces are exact means over the
-    train and the step's distance. Supply and weather are those at the start of the step; a neutral section counts from
-    the step that reaches it. Braking energy is attributed to its destination, to close the energy balance.
+    train and the step's distance. The weather is that at the start of the step. The supply is the lowest under the head
+    during the step, so a neutral section, a zone without regeneration or a lower receptivity applies from the step that
+    reaches it. Braking energy is booked where it ends up, to close the energy balance.
     """
     v0 = x.speed_mps
     rail, wind = weather_at(line, x.s_m, x.time_s, p.length_m)

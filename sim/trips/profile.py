@@ -17,20 +17,20 @@ if TYPE_CHECKING:
     from sim.trips.record import Bools
 
 SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
-"""Density of the white jerk (m²/s⁵). With the speed's weight, smoothing is like a local fit over about 8 s, with the
-time constant (σ²/psd)^¼ ≈ 1.7 s."""
+"""Spectral density of the white-noise jerk (m²/s⁵). With `SMOOTHING_SPEED_SIGMA_MPS`, it makes the smoothing act like a
+local fit over about 8 s, with the time constant (σ²/psd)^¼ ≈ 1.7 s."""
 SMOOTHING_MAX_POSITION_GAP_S: Final = 6.0
-"""Longest gap (s) over which positions are joined; longer ones are bridged by inertia."""
+"""Longest gap (s) over which positions are joined; longer gaps are bridged by the motion model alone."""
 SMOOTHING_POSITION_SIGMA_M: Final = 25.0
-"""Weight of a position per second, as a standard deviation (m): errors of some 6 m last about 15 s, hence 6·√15."""
+"""Weight of a position per second, as a standard deviation (m): errors of about 6 m last about 15 s, hence 6·√15."""
 SMOOTHING_SPEED_SIGMA_MPS: Final = 0.5
 """Weight of a reported speed per second, as a standard deviation (m/s)."""
 SMOOTHING_EXACT: Final = 1e-3
 """Standard deviation of exact values: the position of a stop (m), and the speed 0 there (m/s)."""
 SMOOTHING_MAX_SPEED_GAP_S: Final = 3.0
-"""Longest gap (s) over which reported speeds are joined; longer ones are bridged by inertia."""
+"""Longest gap (s) over which reported speeds are joined; longer gaps are bridged by the motion model alone."""
 SMOOTHING_USUAL_STEPS_JOINED: Final = 2.0
-"""Multiple of the usual step up to which points of a sparse record are still joined."""
+"""Multiple of the median step up to which points of a sparse record are still joined."""
 SMOOTHING_MIN_LAG_GAIN_RATIO: Final = 0.2
 """Share of the spread between integrated speed and position that a lag of the speed must explain; else the lag is 0."""
 SMOOTHING_MIN_LAG_GAIN_M: Final = 1.0
@@ -77,11 +77,12 @@ def to_profile(
     """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
 
     GPS receivers filter the speed, which delays it by seconds. The lag is estimated by sliding the integrated speed
-    against the positions; departure and arrival are known from the speed and therefore move with the lag. The run is
-    then the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel
-    smoother for s, v, a). Positions have little weight and dominate over long distances; speeds have more weight and
-    determine the detail over some 8 s. Positions and inertia bridge dropouts, inertia alone bridges gaps. An end at
-    which the train stands is exact in position and speed, and is moved to the next step. Negative speeds become 0, and
+    against the positions; departure and arrival were found from the speed and are corrected by the lag. The run is then
+    the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel smoother
+    for s, v, a). A single position has little weight, but positions dominate over long distances; speeds have more
+    weight and determine the detail over about 8 s. Positions and the motion model bridge dropouts, the motion model
+    alone bridges gaps. An end at which the train stands is exact in position and speed; such an arrival is moved to the
+    next step. Negative speeds become 0, and
     s is integrated from the speed. Raises DasError for a run shorter than 3 steps.
     """
     valid = ~matched.invalid

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from docs.studies import exact_front, peers, real_trips
+from docs.studies import exact_front, hard, real_trips
 from docs.studies.output import csv_lines
-from tests.support.benchmark import reference_results, shared_data, track_path
+from tests.support.benchmark import shared_data
 from tests.support.kept_figures import not_on_page
 
 
@@ -17,18 +17,10 @@ def test_the_exact_front_of_the_shortest_line() -> None:
 
 
 @pytest.mark.slow
-def test_a_row_of_the_benchmark(monkeypatch: pytest.MonkeyPatch) -> None:
-    result = next(one for one in reference_results() if one.losses != "map" and track_path(one.route).is_file())
-    monkeypatch.setattr(peers, "reference_results", lambda: [result])
-    *_, row = peers.peers_table()
-    assert not_on_page("\n".join(csv_lines(peers.PEERS)), [row]) == []
-
-
-@pytest.mark.slow
 def test_the_first_hard_problem_of_the_solver() -> None:
     """Needs no data of others: the problem is drawn from its seed."""
-    row = f"| {' | '.join(peers._hard_cells(*next(peers.hard_rows()), None))} |"
-    assert not_on_page("\n".join(csv_lines(peers.HARD)), [row]) == []
+    row = hard.hard_line(*next(hard.hard_rows()), None)
+    assert not_on_page("\n".join(csv_lines(hard.HARD)), [row]) == []
 
 
 @pytest.mark.nightly

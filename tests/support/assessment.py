@@ -133,5 +133,5 @@ def _of_the_day(drawn: Drawn, day: AssessedDay, verdict: Verdict) -> list[Proble
         found.append(Problem("internal-error", 0.0, verdict.counts[Cause.INTERNAL_ERROR.label], text))
     verdict.counts["calibration off, said"] += any("calibration off" in text for _, text in said.events)
     verdict.counts["calibration usable"] += usable
-    verdict.counts["clocks said"] += any("its time stamps" in text for _, text in said.events)
+    verdict.counts["clocks said"] += any("position: time stamps" in text for _, text in said.events)
     return found

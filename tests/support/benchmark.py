@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from das.domain.files.load import locate_vehicle
+from docs.studies.results import PEER, Instance, read_rows
 from tests.support.making import REPOSITORY
 from tests.support.needs import missing
 
@@ -72,41 +72,27 @@ def tracks_here() -> list[str]:
     return [track for track in TRACKS if track_path(track).is_file()]
 
 
-@dataclass(frozen=True)
-class ReferenceResult:
-    """The result of another optimiser for a problem of the benchmark.
+class ReferenceResult(NamedTuple):
+    """The energy that another optimiser found for a problem of the benchmark at a time."""
 
-    `losses` is "η/η" (efficiency of traction and of the electric brake) or "map"; `brakes` is "electric" or
-    "electric+pneumatic".
-    """
-
-    route: str
-    vehicle: str
-    losses: str
-    brakes: str
+    problem: Instance
     time_s: float
     energy_kwh: float
-    intervals: int
 
     @property
-    def problem(self) -> tuple[str, ...]:
-        """The route, vehicle, losses and brakes: equal for results of one problem at different times."""
-        return self.route, self.vehicle, self.losses, self.brakes
+    def has_map(self) -> bool:
+        return self.problem.loss_model.startswith("map ")
 
 
 def reference_results() -> list[ReferenceResult]:
-    """Every result of tests/data/reference_results.toml."""
-    table = _reference()["results"]
-    return [ReferenceResult(**dict(zip(table["columns"], row, strict=True))) for row in table["rows"]]
+    """Every published result of ms-eetc."""
+    return [ReferenceResult(one, time_s, float(row["energy_kwh"])) for one, time_s, row in read_rows(PEER)]
 
 
-def least_times() -> list[tuple[str, str, float]]:
-    """Track, train and least time (s) from an independent calculation in fine steps."""
-    return [(route, vehicle, time_s) for route, vehicle, time_s in _reference()["least_times"]["rows"]]
-
-
-def _reference() -> dict[str, dict[str, list[list[object]]]]:
-    loaded: dict[str, dict[str, list[list[object]]]] = tomllib.loads(
-        (DATA / "reference_results.toml").read_text(encoding="utf-8")
-    )
-    return loaded
+LEAST_TIMES_S = {
+    ("CH_Fribourg_Bern", "CH_Stadler_FLIRT_TPF"): 1103.3,
+    ("SE_Vasteras_Kolback", "NL_Intercity_VIRM6"): 594.8,
+    ("00_var_speed_limit_100", "NL_Intercity_VIRM6"): 1460.0,
+    ("CH_StGallen_Wil", "CH_Stadler_KISS_SBB"): 995.1,
+}
+"""Least times (s) of tracks and trains from an independent calculation in fine steps."""

@@ -1,4 +1,4 @@
-"""The wanted instruction: the present step, or the return to it for a driver who has departed from it."""
+"""The wanted instruction: the present step, or how to return to it for a driver who has deviated from it."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ COAST_MISSES_MPS = 4.0 * KMH
 ROLLS_SOON_S = 10.0
 """The least time (s) of rolling up to a speed; if it takes less, the instruction is to hold that speed."""
 BRIEF_S, GAINS_S = 30.0, 2.5
-"""The last seconds (s) before a brake, in which an acceleration must gain `GAINS_S` (s): drivers gain less than
-forecast. A brake for the stop is not released for less than `BRIEF_S` either, unless even the least effort is too
+"""An acceleration that ends within `BRIEF_S` (s) at a brake must gain at least `GAINS_S` (s), because drivers gain less
+than forecast. A brake for the stop is released for at least `BRIEF_S`, except when even the smallest effort brakes too
 much."""
 EARLY_RATIO = 0.5
-"""The share of the planned braking that, if it is enough, makes coasting or creeping replace the brake."""
+"""Share of the planned braking effort; if less than that is still needed, coasting or creeping replaces the brake."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed (m/s) at which a train creeps to its stop."""
 
@@ -53,7 +53,8 @@ Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
-    """The memory at the step in force here; a step before the remembered one only if the train is far before that."""
+    """The memory at the step in force here, sought from the remembered step on; if that one begins more than `STANDS_S`
+    from now, from the first step on."""
     state = scene.state
     number = memory.step if scene.due_s(memory.step) <= STANDS_S else 0
     while number + 1 < len(scene.steps):
@@ -190,7 +191,8 @@ class _Leads(NamedTuple):
 
 
 def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
-    """The proposal to coast to the end speed of coasting, or to hold that speed if this is as good or it is near."""
+    """The proposal to coast to the end speed of coasting, or to hold that speed if this is
+    as good or the speed is nearly reached."""
     step, after = scene.steps[number], scene.after(number)
     from_m = max(scene.state.s_m, step.from_m)
     v_mps = scene.foreseen.passes_mps(from_m) if from_m > scene.state.s_m else scene.state.v_mps
@@ -215,7 +217,7 @@ def coasting(scene: Sight, shown: Instruction, number: int) -> Proposal:
 def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads:
     """The result of a step's coasting from a place and a speed.
 
-    Coasting ends with the step, or earlier where the train must brake harder than a driver would to hold a limit.
+    Coasting ends with the step, or earlier where the train must brake to a speed over `OVERSPEED_MPS` below its own.
     """
     ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, step.by_m
     rolled_mps = ahead.rolling_mps(from_m, v_mps)

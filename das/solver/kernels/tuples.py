@@ -155,11 +155,11 @@ class SpeedBounds(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """Landings from each speed of some decision nodes (nodes, speeds, landings); none depends on λ.
+    """The moves from each speed at some decision nodes to the next node (nodes, speeds, landings); none depends on λ.
 
-    `time_s` and `energy_j` are the cost of a landing. `target` is the speed index below the landing at the next node,
-    and `weight` the share of the index above (linear in v²). In each state only the first `filled` (nodes, speeds)
-    landings are used.
+    A landing is where a move ends; `time_s` and `energy_j` are the costs of the move. `target` is the speed index below
+    the landing, and `weight` the share of the index above (linear in v²). Only the first `filled[node, speed]` landings
+    of a state are used.
     """
 
     time_s: NDArray[np.float32]
@@ -178,9 +178,10 @@ class Policies(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """A multiplier λ between two neighbours of the ladder: λ, index a of the lower one, λ − λ_a, λ_{a+1} − λ_a.
+    """A multiplier λ between the neighbouring multipliers λ_a and λ_{a+1} of the ladder.
 
-    The gap is 0 for a multiplier of the ladder itself.
+    The fields are λ, the index a, the offset λ − λ_a and the gap λ_{a+1} − λ_a; the gap is 0 for a multiplier of the
+    ladder itself.
     """
 
     price_w: float

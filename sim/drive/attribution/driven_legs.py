@@ -184,10 +184,10 @@ def open_calls(
 ) -> tuple[KeptCall, ...]:
     """The ends of the longest part of a drive between equal speeds, and the stops in it.
 
-    This part is used for a drive that does not stand at both its stops; `stood` are the stops on the way. As much
-    kinetic energy enters the part as leaves it. Both ends are within the limits of line and vehicle. `legs_of` cuts the
-    motion there, whatever its smoothing: the ends keep their times and speeds. DasError if the part is shorter than 1
-    km, or if the drive is faster than the vehicle.
+    This part is used for a drive without a stand at each end; `stood` are the stops on the way. As much kinetic energy
+    enters the part as leaves it. Both ends are within the limits of line and vehicle. `legs_of` cuts any smoothing of
+    the motion at the same times and speeds. DasError if the part is shorter than 1 km; its text differs if the drive is
+    faster than the vehicle.
     """
     vehicle = fast_enough(vehicle, motion)
     v, s_m = motion.speed_mps, motion.s_m
@@ -201,7 +201,7 @@ def open_calls(
     first, last = longest
     if s_m[last] - s_m[first] < LEAST_PART_M:
         top_kmh, own_kmh = v.max() / KMH, vehicle.max_speed_mps / KMH
-        faster = f"the trip runs {top_kmh:.0f} km/h, which is faster than this train, {own_kmh:.0f} km/h"
+        faster = f"the trip reaches {top_kmh:.0f} km/h, but the top speed of this train is {own_kmh:.0f} km/h"
         raise DasError(f"{path}: {NOT_COMPARABLE}: {faster if top_kmh > own_kmh else NO_PART}")
     if v[first] < STANDING_MPS:  # the part begins when the train leaves
         first = int(np.flatnonzero(s_m <= s_m[first])[-1])
@@ -222,7 +222,7 @@ def _passing(motion: DrivenMotion, sample: int) -> KeptCall:
 
 
 def legs_of_drive(table: DriveTable, made: Sequence[KeptCall], motion: DrivenMotion) -> tuple[DrivenLeg, ...]:
-    """The legs of a motion of a recorded drive, between its stops or in the part that a replay compared.
+    """The legs of a recorded drive for one of its motions: between the stops, or in the part that a replay compared.
 
     `made` are the stops of its journey as served. DasError if there are no legs, with the reason that the recording
     states, if any.
@@ -255,9 +255,9 @@ def section_of_leg(inputs: DriveInputs, leg: DrivenLeg, told: Iterable[Restricti
 
 
 def fast_enough(vehicle: Vehicle, motion: DrivenMotion) -> Vehicle:
-    """The vehicle with the highest speed of the drive as its top speed, if that is at most 5 % above its file's.
+    """The vehicle with the highest speed of the drive as its top speed, if that is at most 5 % above its own.
 
-    Otherwise no optimum could arrive as early. Losses must be known up to that speed.
+    With its own top speed, no optimum could arrive as early as the drive. Losses must be known up to the higher speed.
     """
     top_mps, own_mps = float(motion.speed_mps.max()), vehicle.max_speed_mps
     losses = (one for one in vehicle.losses.values() if isinstance(one, LossMap))
@@ -388,7 +388,7 @@ class ComparedLeg:
 
     def _beside_optimum(self, driven_j: float) -> SectionEnergy:
         found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
-        # The measured train did drive so; if the planned train cannot, it may only be lighter.
+        # The measured train did run like this. If the planned train cannot, the measured one may have been lighter.
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
 
 

@@ -51,8 +51,7 @@ class SpeedIs(Enum):
 class LaneState(NamedTuple):
     """The entry in the lane "shown" of pictures for a display without modes: a text, and its colour "#rrggbb".
 
-    `standing`: the lane has this text for a standing train too; otherwise it then has the mode (stop or
-    depart).
+    `standing`: this text is also used while the train stands; if false, the lane then shows the mode (stop or depart).
     """
 
     text: str
@@ -69,13 +68,13 @@ class ShownRegime(NamedTuple):
 
 
 class SimplerLook(NamedTuple):
-    """The values for a display of one top speed or of four modes; its other fields are taken from the advice."""
+    """The values for a display of one top speed or of four modes; its other values are taken from the advice."""
 
     time_ns: int
     valid_until_ns: int
     mode: int
     top_speed_mps: float = math.nan
-    """The top speed to show: the train arrives on time, and obeys the limits and stops ahead."""
+    """The top speed to show: with it the train arrives on time, and keeps the limits and stops ahead."""
     four_mode: int = Regime.NONE
     next_four_mode: int = Regime.NONE
     next_four_change_s: float = math.nan
@@ -147,7 +146,7 @@ class Presenter(ABC):
         """
 
     def shown_mode(self, advice: Any) -> ShownRegime:
-        """The mode that the display shows for a message Advice; for a display without modes, the speed profile's."""
+        """The mode that the display shows for a message Advice; for a display without modes, that of the profile."""
         return ShownRegime(known_mode(advice.mode), float(advice.advised_speed_mps))
 
     def speed_is(self, mode: int) -> SpeedIs:
@@ -166,25 +165,25 @@ class Presenter(ABC):
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The setting of the controller (−1 … 1) of a human driver who follows the advice on how to drive.
 
-        `view` may be the advice to depart, until the next glance. `allowed_mps` is the highest speed that the driver
-        accepts here.
+        After a departure, `view` is the advice to depart until the driver's next glance. `allowed_mps` is the highest
+        speed that the driver accepts here.
         """
         return hands.to_speed(cab, outlook, view.departure, allowed_mps)
 
     def follower(self) -> Follower | None:
-        """The driver that follows the display exactly; None for most displays, which do not show how to drive."""
+        """The driver that follows the display exactly; None if there is none for this display."""
         return None
 
     def mode_words(self, number: int, language: Language = Language.EN) -> str:
-        """The text for the mode with a number of the bus; empty for an unknown number."""
+        """The text for a mode, given by its number on the bus; empty for an unknown number."""
         return mode_words(number, language)
 
     def words_before_speed(self, number: int, language: Language = Language.EN) -> str:
-        """The text for the mode with a number of the bus if its speed follows."""
+        """The text for a mode (number on the bus) if a speed follows it."""
         return self.mode_words(number, language)
 
     def instruction(self, number: int, speed: str, language: Language = Language.EN) -> str:
-        """The words for the mode with a number of the bus, and for a speed (an empty text: no speed)."""
+        """The words for a mode (number on the bus) and a speed (an empty text: no speed)."""
         return ", ".join(filter(None, (self.mode_words(number, language), speed)))
 
     def headline(self, view: AdviceView, language: Language = Language.EN) -> str:
@@ -219,8 +218,8 @@ def presenter_of(presentation: Presentation) -> Presenter:
 
 @cache
 def shown_presentation(number: int) -> Presentation | None:
-    """The presentation with a number of the message Cab; None for no advice and for an unknown number."""
-    named: Any = CAB.message  # for the numbers named there, no other presentation needs to be imported
+    """The presentation with this number in the message Cab; None if it stands for no advice or is unknown."""
+    named: Any = CAB.message  # numbers named there need no import of the presentations
     known = {value: Presentation[name.removeprefix("PRESENTATION_")] for name, value in named.Presentation.items()}
     if number in known:
         return known[number] if number else None
@@ -250,12 +249,12 @@ def present(
 
 
 def known_mode(number: int) -> Regime:
-    """The mode with a number of the bus; NONE for an unknown number."""
+    """The mode with this number on the bus; NONE for an unknown number."""
     return Regime(number) if number in set(Regime) else Regime.NONE
 
 
 def mode_words(number: int, language: Language = Language.EN) -> str:
-    """The words for the mode with a number of the bus; empty for an unknown number."""
+    """The words for a mode (number on the bus); empty for an unknown number."""
     return wording.mode_words(Regime(number), language) if number in set(Regime) else ""
 
 

@@ -59,7 +59,7 @@ class Origin:
 
     @property
     def journey(self) -> Any:
-        """The journey (message) of the train at the end."""
+        """The last journey message of the train in the recording."""
         return self.recording.of(topics.JOURNEY)[-1].message
 
     @property
@@ -69,12 +69,12 @@ class Origin:
 
     @property
     def has_advice(self) -> bool:
-        """Whether a node advised."""
+        """Whether the recording contains advice."""
         return bool(self.recording.of(topics.ADVICE))
 
     @property
     def has_guide(self) -> bool:
-        """Whether the guide advised."""
+        """Whether the recording contains advice from the guide."""
         return any(one.message.HasField("guide") for one in self.recording.of(topics.ADVICE))
 
     def timetables(self) -> list[Timetable]:
@@ -88,7 +88,7 @@ class Origin:
         return tables
 
     def check_on_the_way(self, otherwise: Otherwise) -> None:
-        """Raise DasError for a restriction that the train does not meet."""
+        """Raise DasError for a restriction outside the journey of the train."""
         first_m, last_m = self.journey.stops[0].s_m, self.journey.stops[-1].s_m
         for one in otherwise.restrictions:
             if not one.is_under(first_m, last_m):

@@ -129,7 +129,7 @@ def test_the_difference_is_part_of_the_stated_deviation(off_s: float) -> None:
     true_m = 200.0 + SPEED_MPS * 39
     assert abs(advice.s_m - true_m) <= advice.position_sd_m
     assert advice.position_sd_m >= SPEED_MPS * abs(off_s)
-    assert driven.sink.events().count("its time stamps") == 1
+    assert driven.sink.events().count("position: time stamps") == 1
 
 
 def test_clocks_that_agree_are_not_spoken_of() -> None:

@@ -250,13 +250,13 @@ def test_node_publishes_its_plan_and_events_and_is_finished_when_told() -> None:
     assert driven.node.finished
 
 
-def test_node_says_that_positions_are_rejected_and_taken_up_anew() -> None:
+def test_node_says_that_positions_are_rejected_and_the_estimate_restarted() -> None:
     driven = DrivenNode()
     for second in range(61, 69):
         driven.tick(second, 20.0 * second + (500.0 if second > 63 else 0.0))
     assert [text for text in driven.sink.events().splitlines() if text.startswith("position")] == [
         "position: rejected, the position jumped by 500 m",
-        "position: taken up again at 1840 m",
+        "position: estimate restarted at 1840 m",
     ]
 
 

@@ -6,7 +6,6 @@ import itertools
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from hypothesis import strategies as st
 from numba.core import caching
 
 from das.compiling import kernel
-from das.domain.effort import EffortEnvelope
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.files.vehicles import read_loss_map
@@ -28,9 +26,10 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
+from docs.studies.results import POINT, Instance, posed
 from precompute.cli.report import solution_json
 from tests.support import raw_data
-from tests.support.benchmark import ReferenceResult, least_times, reference_results, track_path, train_path
+from tests.support.benchmark import LEAST_TIMES_S, ReferenceResult, reference_results, track_path, train_path
 from tests.support.crossing import crossed
 from tests.support.making import csv_rows, flat, make_route, make_train
 from tests.support.raw_data import Effort, Line, Loss, Train, constant_efficiencies
@@ -309,38 +308,31 @@ def test_bundled_routes_at_every_level(route: Route, level: Level) -> None:
             assert (solution.trajectory.force_el_n >= 0).all()
 
 
-def pose_reference(result: ReferenceResult, map_path: Path | None) -> tuple[Section, Line, Train, Loss]:
+def pose_reference(problem: Instance, map_path: Path | None) -> tuple[Section, Line, Train, Loss]:
     """A problem of the benchmark as the solver gets it, and as the verifier reads it."""
-    track, own_path = track_path(result.route), train_path(result.vehicle)
-    vehicle, train = load_vehicle(str(own_path)), replace(Train.read(own_path), length_m=0.0)
-    if result.brakes == "electric":
-        vehicle = replace(vehicle, brake_policy=BrakePolicy.ELECTRIC)
+    track, own_path = track_path(problem.track), train_path(problem.train)
+    train = replace(Train.read(own_path), length_m=0.0)
+    if problem.brakes == "electric":
         train = replace(train, brakes="electric", friction_n=0.0)
     if map_path:
-        vehicle = vehicle.with_loss_map(read_loss_map(map_path))
         loss = raw_data.read_loss_map(map_path)
     else:
-        driving, braking = map(float, result.losses.split("/"))
-        own = EfficiencyLoss.from_efficiencies(driving, braking)
-        vehicle = replace(vehicle, losses=MappingProxyType({Level.OWN: own}))
-        loss = constant_efficiencies(driving, braking)
-    if map_path or result.brakes == "electric":
-        envelope, effort = EffortEnvelope(max_force_n=213.9e3, max_power_w=3129.278e3), Effort(213.9e3, 3129.278e3)
-        vehicle = replace(vehicle, traction=envelope, electric_brake=envelope, max_speed_mps=160 / 3.6)
+        loss = constant_efficiencies(*map(float, problem.loss_model.removeprefix("constant ").split("/")))
+    if map_path or problem.brakes == "electric":
+        effort = Effort(213.9e3, 3129.278e3)
         train = replace(train, traction=effort, electric=effort, max_speed_mps=160 / 3.6)
-    section = build_section(
-        load_route(str(track)), vehicle, options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
-    )
+    own_map = read_loss_map(map_path) if map_path else None
+    section = posed(problem, load_route(str(track)), load_vehicle(str(own_path)), own_map)
     return section, Line.read(track), train, loss
 
 
 def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None) -> None:
     """Energy at most 0.1 % above the best public optimiser at the same time, and nothing the verifier finds wrong."""
-    fronts: dict[tuple[str, ...], tuple[Front, Line, Train, Loss]] = {}
+    fronts: dict[Instance, tuple[Front, Line, Train, Loss]] = {}
     for result in results:
         key = result.problem
         if key not in fronts:
-            section, line, train, loss = pose_reference(result, map_path)
+            section, line, train, loss = pose_reference(key, map_path)
             fronts[key] = (solve_front(section), line, train, loss)
         front, line, train, loss = fronts[key]
         solution = front.trajectory(result.time_s)
@@ -353,7 +345,7 @@ def assert_no_worse(results: list[ReferenceResult], map_path: Path | None = None
 
 
 def test_public_benchmark_with_constant_efficiencies() -> None:
-    results = [result for result in reference_results() if result.losses != "map"]
+    results = [result for result in reference_results() if not result.has_map]
     assert len(results) == 14
     assert_no_worse(results)
 
@@ -361,22 +353,16 @@ def test_public_benchmark_with_constant_efficiencies() -> None:
 @pytest.mark.slow
 def test_public_benchmark_with_the_loss_map_of_the_virm6(shared: Path) -> None:
     """The loss map is a third party's table of 11 569 points; it stays in ../shared."""
-    results = [result for result in reference_results() if result.losses == "map"]
+    results = [result for result in reference_results() if result.has_map]
     assert len(results) == 8
     assert_no_worse(results, shared / "loss_maps" / "NL_Intercity_VIRM6_chain.csv")
 
 
 def test_least_times_of_the_public_benchmark() -> None:
     """Against an independent calculation in fine steps: within 0.05 %, never optimistic by more than 0.1 s."""
-    assert len(least_times()) == 4
-    for track, train, expected in least_times():
+    for (track, train), expected in LEAST_TIMES_S.items():
         route, vehicle = load_route(str(track_path(track))), load_vehicle(str(train_path(train)))
-        front = solve_front(
-            build_section(
-                route, vehicle, options=SectionOptions(point_mass=True, start_speed_mps=1.0, end_speed_mps=1.0)
-            ),
-            lambda_w=np.array([1e5]),
-        )
+        front = solve_front(build_section(route, vehicle, options=POINT), lambda_w=np.array([1e5]))
         assert expected - 0.1 < front.fastest().time_s < expected * 1.0005
 
 

@@ -426,5 +426,5 @@ def test_four_modes_on_a_metro_section_stay_near_the_optimum() -> None:
 def test_a_section_too_short_to_move_is_refused() -> None:
     section = build_section(load_route("flat-6km"), load_vehicle("re460-ic"), end_m=3.0)
     for strategy, time_s in itertools.product(TIMED, (10.0, 60.0)):
-        with pytest.raises(InfeasibleError, match="too short to move"):
+        with pytest.raises(InfeasibleError, match="too short for it to move"):
             baseline(strategy, section, time_s)

@@ -127,7 +127,7 @@ def test_a_design_has_its_defaults(write: Path) -> None:
         ("[fixed]", "[analysis]\nalpha = 2\n[fixed]", "analysis.alpha = 2.0: expected a number from 1e-06 to 0.5"),
         ("[fixed]", "[analysis]\ncorrection = 'wish'\n[fixed]", "analysis.correction = 'wish': expected one of holm"),
         ("[fixed]", "[procedure]\nseeds = [1, 1]\n[fixed]", "seeds = [1, 1]: expected whole numbers from 0 to"),
-        ("[fixed]", "[procedure]\nseeds = [1, 2]\ndays = 'own'\n[fixed]", "expected 2 seeds of days = 'common'"),
+        ("[fixed]", "[procedure]\nseeds = [1, 2]\ndays = 'own'\n[fixed]", "expected 2 seeds (one for each"),
         ("count = 4", "count = 4\naverage = true", "participants.count = 4: expected 1, because participants.average"),
         ("[fixed]", "[procedure]\nrepetitions = 99_999\n[fixed]", "at most 100000 trials for each participant"),
     ],

@@ -385,7 +385,7 @@ def test_a_part_of_less_than_a_kilometre_is_not_compared(driven: Driven) -> None
     slow = replace(section, vehicle=replace(section.vehicle, max_speed_mps=60 * KMH))
     with pytest.raises(DasError, match=r"not comparable: .*, nor does it have equal speeds 1 km apart$"):
         compared_legs(part, section)
-    with pytest.raises(DasError, match="which is faster than this train, 60 km/h"):
+    with pytest.raises(DasError, match="but the top speed of this train is 60 km/h"):
         compared_legs(part, slow)
 
 

@@ -1,14 +1,12 @@
-"""The tables of docs/results/0.2/solver: peers, the solver's table, refinement and proven bounds side by side.
+"""The hard sections of docs/results/0.2/solver: the solver's table, refinement and proven bounds side by side.
 
-`python -m docs.studies.peers` solves all rows again, which takes about ten minutes, and writes the tables. It needs the
-third-party data next to the checkout (../shared).
+`python -m docs.studies.hard` solves all of them again and writes the table, which takes about eight minutes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -20,82 +18,20 @@ from das.domain.route import Route, Stretches, Zone
 from das.domain.units import KMH, kwh
 from das.domain.vehicle import Vehicle
 from das.offline.refinement import refined
-from das.solver.front import Front
 from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_csv, write_table
 from docs.studies.tight_bound import tightened
-from tests.das.solver.test_solver import pose_reference
-from tests.support.benchmark import SHARED, ReferenceResult, reference_results
 from tests.support.making import make_route
 
 PAGE = DOCS / "results" / "0.2" / "solver.md"
-PEERS, HARD = (PAGE.with_suffix("") / name for name in ("peers.csv", "hard.csv"))
-MAP = SHARED / "loss_maps" / "NL_Intercity_VIRM6_chain.csv"
+HARD = PAGE.with_suffix("") / "hard.csv"
+HEAD = "| problem | buffer | level | table kWh | refined kWh | saved | gap | tight gap |"
 LEVELS = (Level.L0_REG, Level.L1, Level.L2, Level.L3)
 SEED = 14
 TIGHT_S = 40.0
 """Largest CPU time (s) of the tight bound of a loss map."""
-
-
-class PeerRow(NamedTuple):
-    """One problem: the run of the table, and the refined run."""
-
-    name: str
-    given: Solution
-    found: Solution
-
-    @classmethod
-    def of(cls, name: str, front: Front, time_s: float) -> PeerRow:
-        """The row of a problem for a time, solved and refined."""
-        given = front.trajectory(time_s)
-        return cls(name, given, refined(given))
-
-    @property
-    def gap(self) -> str:
-        """The cell with the gap, common to both tables."""
-        return f"{100 * self.found.gap_ratio:.3f} %"
-
-
-def benchmark_rows() -> Iterator[tuple[ReferenceResult, PeerRow]]:
-    """Every result of other optimisers, with the solver's for the same time."""
-    fronts: dict[tuple[str, ...], Front] = {}
-    for result in reference_results():
-        if result.problem not in fronts:
-            section, *_ = pose_reference(result, MAP if result.losses == "map" else None)
-            fronts[result.problem] = solve_front(section, threads=1)
-        yield result, PeerRow.of(result.route, fronts[result.problem], result.time_s)
-
-
-def _table(heads: str, rows: Iterable[Iterable[str]]) -> Iterator[str]:
-    """The lines of a table; the headings are separated by commas."""
-    names = heads.split(", ")
-    for cells in chain((names, ["---"] * len(names)), rows):
-        yield f"| {' | '.join(cells)} |"
-
-
-def peers_table() -> Iterator[str]:
-    """The rows of the public benchmark."""
-    heads = "track, train, losses, time s, peer kWh, table kWh, refined kWh, refined against peer, bound kWh, "
-    return _table(heads + "gap", map(_peer_cells, benchmark_rows()))
-
-
-def _peer_cells(pair: tuple[ReferenceResult, PeerRow]) -> list[str]:
-    result, row = pair
-    found_kwh = kwh(row.found.balance.input)
-    return [
-        result.route,
-        result.vehicle,
-        result.losses,
-        f"{result.time_s:.1f}",
-        f"{result.energy_kwh:.2f}",
-        f"{kwh(row.given.balance.input):.2f}",
-        f"{found_kwh:.2f}",
-        f"{100 * (found_kwh / result.energy_kwh - 1):+.2f} %",
-        f"{kwh(row.found.bound_j):.2f}",
-        row.gap,
-    ]
 
 
 class Hard(NamedTuple):
@@ -134,8 +70,8 @@ def hard_problems(rng: np.random.Generator) -> Iterator[Hard]:
     )
 
 
-def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
-    """Every hard problem at every level, solved; problems without a solution are replaced."""
+def hard_rows() -> Iterator[tuple[Hard, Level, Solution, Solution]]:
+    """Every hard problem at every level, from the table and refined; problems without a solution are replaced."""
     for number, level in enumerate(LEVELS):
         rng = np.random.default_rng([SEED, number])
         wanted = [one.kind for one in hard_problems(np.random.default_rng(0))]
@@ -145,40 +81,33 @@ def hard_rows() -> Iterator[tuple[Hard, Level, PeerRow]]:
                     continue
                 try:
                     front = solve_front(build_section(one.route, one.vehicle, level=level), threads=1)
-                    row = PeerRow.of(one.kind, front, front.fastest().time_s * (1.0 + one.buffer_ratio))
+                    given = front.trajectory(front.fastest().time_s * (1.0 + one.buffer_ratio))
                 except InfeasibleError:
                     continue
                 wanted.remove(one.kind)
-                yield one, level, row
+                yield one, level, given, refined(given)
 
 
 def hard_table() -> Iterator[str]:
     """The hard problems and a summary of their gaps; the tight gap is to the bound computed in `TIGHT_S`."""
     rows = list(hard_rows())
-    of_maps = [row for _, level, row in rows if level is Level.L3]
-    tight = {id(row): tightened(row.found, TIGHT_S).gap_ratio for row in of_maps}
-    convex = [row.found.gap_ratio for _, level, row in rows if level is not Level.L3]
-    yield from _table(
-        "problem, buffer, level, table kWh, refined kWh, saved, gap, tight gap",
-        (_hard_cells(hard, level, row, tight.get(id(row))) for hard, level, row in rows),
-    )
+    of_maps = [found for _, level, _, found in rows if level is Level.L3]
+    tight = {id(found): tightened(found, TIGHT_S).gap_ratio for found in of_maps}
+    convex = [found.gap_ratio for _, level, _, found in rows if level is not Level.L3]
+    yield HEAD
+    yield from (hard_line(*row, tight.get(id(row[-1]))) for row in rows)
     yield from ("", "- " + _summed("Convex losses (L0 to L2)", convex))
-    yield from ("", "- " + _summed("Loss map (L3)", [row.found.gap_ratio for row in of_maps]))
+    yield from ("", "- " + _summed("Loss map (L3)", [found.gap_ratio for found in of_maps]))
     yield from ("", "- " + _summed(f"Loss map with the tight bound, {TIGHT_S:.0f} s", list(tight.values())))
 
 
-def _hard_cells(hard: Hard, level: Level, row: PeerRow, tight_ratio: float | None) -> list[str]:
-    given_kwh, found_kwh = kwh(row.given.balance.input), kwh(row.found.balance.input)
-    return [
-        hard.kind,
-        f"{100 * hard.buffer_ratio:g} %",
-        str(level),
-        f"{given_kwh:.3f}",
-        f"{found_kwh:.3f}",
-        f"{100 * (given_kwh - found_kwh) / abs(given_kwh):.2f} %",
-        row.gap,
-        "" if tight_ratio is None else f"{100 * tight_ratio:.3f} %",
-    ]
+def hard_line(hard: Hard, level: Level, given: Solution, found: Solution, tight_ratio: float | None) -> str:
+    """The line of a problem in the table; `tight_ratio` is None where the tight bound is not computed."""
+    given_kwh, found_kwh = kwh(given.balance.input), kwh(found.balance.input)
+    saved = f"{100 * (given_kwh - found_kwh) / abs(given_kwh):.2f} %"
+    tight = "" if tight_ratio is None else f"{100 * tight_ratio:.3f} %"
+    energies = f"{given_kwh:.3f} | {found_kwh:.3f} | {saved} | {100 * found.gap_ratio:.3f} %"
+    return f"| {hard.kind} | {100 * hard.buffer_ratio:g} % | {level} | {energies} | {tight} |"
 
 
 def _summed(what: str, gap_ratios: Sequence[float]) -> str:
@@ -190,8 +119,7 @@ def _summed(what: str, gap_ratios: Sequence[float]) -> str:
 
 
 def main() -> None:
-    """Write both tables, and the summary of the hard problems in the page."""
-    write_csv(PEERS, peers_table())
+    """Write the table, and its summary in the page."""
     lines = list(hard_table())
     write_csv(HARD, (line for line in lines if line.startswith("|")))
     write_table(PAGE, "hard", (line for line in lines if line and not line.startswith("|")))
