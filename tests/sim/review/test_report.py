@@ -45,7 +45,7 @@ from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 from tests.support.recordings import at_ns, write_recording
 
-RECORDINGS = Path(__file__).parents[4] / "recordings"
+RECORDINGS = Path(__file__).parents[3] / "recordings"
 BUNDLED = RECORDINGS / "zurich-zug-late.mcap"
 
 
