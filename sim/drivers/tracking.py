@@ -28,7 +28,7 @@ SPARE_S: Final = 2.0
 ROLL_MPS: Final = 8.0 * KMH
 """Excess over the top speed (m/s) up to which a driver who keeps time lets the train roll before braking."""
 
-# Parameters of holding a speed and stopping at a mark, against oscillating around a speed and creeping.
+# Parameters for holding a speed without oscillation, and for stopping at a mark without creeping.
 AHEAD_S: Final = 0.2
 """Time ahead (s) over which the slope of the speed ceiling is measured; equal to one look."""
 GAIN_PER_S: Final = 0.5
@@ -36,24 +36,27 @@ GAIN_PER_S: Final = 0.5
 STOPPING_MPS: Final = 10.0
 """Speed (m/s) below which a train brakes for its stop with the deceleration that the remaining distance needs."""
 STOPPING_RATIO: Final = 0.85
-"""Share of the planned deceleration; braking to the stopping point begins when the remaining distance needs it."""
+"""Share of the planned deceleration; braking to the stopping point begins when the deceleration needed for the
+remaining distance reaches that share."""
 LAST_M: Final = 0.05
 """Last distance (m) before the stopping point; within it and beyond the point, braking is as planned."""
 LAST_MPS: Final = 0.02
-"""Speed (m/s) at the stopping point below which the planned deceleration is used: otherwise a train with more
-resistance than the driver assumes would creep indefinitely."""
+"""Speed (m/s) near the stopping point (from `AT_STOP_M` before it) below which the planned deceleration is used:
+otherwise a train with more resistance than the driver assumes would creep indefinitely."""
 
 # Parameters of a perfect driver. All values are assumptions.
 STOPPING_S: Final = 10.0
 """Time (s) ahead; if the advised speed reaches 0 within it, the driver brakes to the mark without advice."""
 MINDED_MPS: Final = 1.0
-"""Margin (m/s) below the speed that restrictions and signals allow; a faster driver no longer follows advice."""
+"""Margin (m/s) below the speed that restrictions and signals allow; within it the driver ignores advice."""
 LEAST_BRAKING_MPS2: Final = 0.05
-"""Deceleration (m/s²) needed for a stop, below which the stop is still far away: the driver follows no advice."""
+"""Deceleration (m/s²) needed for the stop; below it the stop is still far away, and the driver drives as without
+advice instead of braking to the mark."""
 CREEPING_MPS: Final = 0.3
-"""Advised speed (m/s) below which advice to brake is advice to stop."""
+"""Advised speed (m/s) below which advice to brake is advice to stop; also the speed (m/s) of a train that creeps to
+its stopping point."""
 ROLLING_MPS: Final = 0.3
-"""Excess (m/s) over a limit that a coasting train may reach, the precision to which the display is read."""
+"""Excess (m/s) over a limit that a coasting train may reach: the precision with which the speed is read."""
 READ_MPS: Final = 0.3
 """Shortfall (m/s) below a speed at which a driver who only follows the card reads it as reached."""
 MOTORS_RATIO: Final = 1.08
@@ -73,7 +76,7 @@ class RollOff:
         self._top_mps = self._slowest_mps = math.inf
 
     def speed_mps(self, top_mps: float, speed_mps: float) -> float | None:
-        """The lowest speed (m/s) since the train began to roll, now its top speed; None if it does not roll."""
+        """The lowest speed (m/s) since the train began to roll, taken as the top speed; None if it does not roll."""
         lowered, self._top_mps = top_mps < self._top_mps, top_mps
         if speed_mps <= top_mps:
             self._slowest_mps = math.inf
@@ -83,7 +86,7 @@ class RollOff:
 
 
 class TimeRule:
-    """A rule from experience with the line: one top speed with which the rest of the section takes the time left."""
+    """The rule of a driver who knows the line: one top speed with which the rest of the section takes the time left."""
 
     def __init__(self, every_s: float = math.inf) -> None:
         self._every_s = every_s
@@ -102,7 +105,7 @@ class TimeRule:
 
 
 def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n: float = math.inf) -> Command:
-    """The command to keep the highest speed permitted here and where a changed effort will have built up."""
+    """The command to hold the lower of two permitted speeds: here, and where a changed effort takes effect."""
     v, s = cab.speed_mps, cab.s_m
     soon_m = s + v * anticipation_s
     coming = outlook.allowed_mps(soon_m)
@@ -112,7 +115,7 @@ def under_ceiling(cab: CabView, outlook: Outlook, anticipation_s: float, high_n:
 
 
 def hold(cab: CabView, outlook: Outlook, speed_mps: float, rate_mps2: float = 0.0, high_n: float = math.inf) -> Command:
-    """The command to hold a speed that may change by `rate_mps2`, with the force needed for it here."""
+    """The command to hold a speed that changes by `rate_mps2`, beginning with the force that this needs here."""
     needed_n = outlook.train.inertial_mass_kg * rate_mps2 + outlook.resisting_n(cab.s_m, cab.speed_mps)
     return speed(speed_mps, rate_mps2=rate_mps2, force_n=needed_n, gain_per_s=GAIN_PER_S, high_n=high_n)
 

@@ -432,9 +432,9 @@ TOLD_S: Final = 3.0
 """Smallest loss of time (s) that is mentioned."""
 MOST_FINDINGS: Final = 3
 FRICTION: Final[Mapping[str, str]] = {
-    FrictionPolicy.AS_MEASURED: "the simulated driver's habit to brake a share by friction, with any display",
+    FrictionPolicy.AS_MEASURED: "the simulated driver, who brakes partly by friction whatever the display shows",
     FrictionPolicy.ELECTRIC_FIRST: "the simulated driver, who brakes by friction only if the motors cannot",
-    FrictionPolicy.BY_ADVICE: "the simulated driver's habit, but electric first while following advice on effort",
+    FrictionPolicy.BY_ADVICE: "the simulated driver, who brakes partly by friction except under advice on effort",
 }
 TOLD_KMH: Final = 3.0
 """Least difference (km/h) of mean speeds that is stated."""
@@ -446,16 +446,16 @@ SAFETY_LABELS: Final = {EventKind.OVERSPEED: "above the limit", EventKind.MISSED
 """The kinds of events that are findings about safety, each in words."""
 SAFER: Final = "Next time: begin to brake sooner, and keep a margin."
 GAINED: Final = "Next time: keep a margin; a limit applies until the whole train has left it."
-"""Advice to the driver of a train that was not braking late, but gained speed while it was above the limit."""
+"""Advice to the driver if the train did not merely brake too late, but gained speed above the limit."""
 GAINED_MPS: Final = 0.5
-"""Least rise (m/s) in speed after exceeding the limit of a train that counts as gaining speed."""
+"""Least rise (m/s) in speed, from the moment at which the limit is exceeded, for a train to count as gaining speed."""
 DOES: Final = {
     InstructionKind.TRACTION: "accelerating",
     InstructionKind.HOLD: "holding",
     InstructionKind.COAST: "coasting",
     InstructionKind.BRAKE: "braking",
 }
-"""Acts of the best run, in words."""
+"""Driving regimes of the best run, in words."""
 SIGNAL_PASSED: Final = "signal-passed"
 """The code of a finding about a signal that was passed at danger."""
 
@@ -628,18 +628,19 @@ def _given_away(drive: Drive, attribution: Attribution) -> str:
 def _friction_words(drive: Drive) -> str:
     chosen = friction_chosen_by(drive)
     if not chosen:
-        return "Whether the driver or the brake control chose it was not recorded."
+        return "It was not recorded whether the driver or the brake control chose the friction brake."
     return f"It is due to {chosen}."
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:
     ends = {one.leg.end.name for one in stretches}
     missed = [f"{one.name} ({lateness_text(one.arrived_late_s)})" for one in drive.calls[1:] if one.name in ends]
-    return f"The advice aimed at arrivals that were missed all the same: {', '.join(missed)}."
+    return f"The advice aimed at arrival times that were missed nevertheless: {', '.join(missed)}."
 
 
 def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> FoundPlace:
-    """The place of a cause's energy; for a restriction, its stretch, though energy is lost from the announcement on."""
+    """The place at which a cause took energy; for a temporary restriction the restricted stretch, although energy is
+    already lost from the announcement on."""
     way_m, speeds = stretch.end_m - stretch.start_m, cause in BY_SPEED or cause is EnergyCause.FRICTION
     place = FoundPlace(
         stretch.start_m, stretch.end_m, stretch.start_ns, stretch.end_ns, stretch.energy_j,
@@ -658,7 +659,7 @@ def _found_place(drive: Drive, cause: EnergyCause, stretch: CauseStretch) -> Fou
 
 
 def friction_chosen_by(drive: Drive) -> str:
-    """The origin of the choice of the friction brake on a simulated drive; empty for any other drive."""
+    """The words for why a simulated driver used the friction brake; empty for any other drive."""
     run = drive.table.run
     return FRICTION.get(run.get("friction_policy", ""), "") if run.get("driver") == DriverKind.HUMAN else ""
 
