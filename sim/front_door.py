@@ -248,11 +248,12 @@ def report(*drives: Drive | str | Path, out: str | Path) -> Path:
     written = PageFiles(out=_new(out))
     written.check((), overwrite=False)
     try:
-        from sim.review.report.page import compared, page, subject_of
+        from sim.drive.comparison import compared
+        from sim.review.page import page, subject_of
     except ImportError as error:
         raise DasError(f"a report needs {error.name}: pip install '.[view]' in the checkout") from None
     subjects = [subject_of(_drive(one).recording.path) for one in drives]
-    written.write(lambda: page(subjects, *compared(subjects)))
+    written.write(lambda: page(subjects, *compared([one.drive for one in subjects])))
     return Path(out)
 
 

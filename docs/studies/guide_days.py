@@ -23,7 +23,7 @@ from das.drawing.colors import MODES
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
 from sim.meanings import LIGHT, Meaning
-from sim.review.canvas import INK, TEXT_POINTS, light_figure, named, stops
+from sim.review.pictures import INK, TEXT_POINTS, light_figure, named, stops
 from sim.world.loop import InProcess, Run, Tick, World
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario

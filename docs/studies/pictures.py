@@ -18,7 +18,7 @@ from typing import Final
 import sim
 from das.command_line.files import save_figure
 from docs.studies.bundled import das_sim, first_page
-from sim.review.canvas import comparison_figure
+from sim.review.pictures import comparison_figure
 
 
 def what_if(folder: Path) -> None:

@@ -25,14 +25,14 @@ from das.drawing.colors import LINES, SEVERAL
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.output import DOCS, write_table
-from sim.drive.attribution.attribution import Attribution
-from sim.drive.attribution.causes import EnergyCause
-from sim.drive.attribution.driven_legs import LikelyRange, likely_range
+from sim.drive.attribution import Attribution
+from sim.drive.causes import EnergyCause
 from sim.drive.drive import Drive
+from sim.drive.legs import LikelyRange, likely_range
 from sim.meanings import LIGHT, Meaning
 from sim.options import ReplayOptions, TripOptions
-from sim.recording.inputs import DriveInputs
-from sim.review.canvas import INK, light_figure, named, page_legend
+from sim.recording.opening import DriveInputs
+from sim.review.pictures import INK, light_figure, named, page_legend
 from sim.runs.replay import prepare, replay
 from tests.support.benchmark import SHARED
 

@@ -17,7 +17,7 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.units import KMH
 from das.drawing.colors import SEVERAL
-from sim.review.canvas import light_figure, named, page_legend
+from sim.review.pictures import light_figure, named, page_legend
 
 Floats = NDArray[np.float64]
 PICTURE: Final = Path("relaxed-loss.png")

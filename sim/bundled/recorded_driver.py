@@ -14,11 +14,11 @@ import numpy as np
 from das.domain.route import Floats, Route
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
-from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
-from sim.drivers.handling import HEEDING
+from sim.drivers.cab import AdviceView, Asked, CabView, asked
+from sim.drivers.handling import CREEPS_MPS
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import Command
-from sim.plant.plant import COAST, lever
+from sim.plant.plant import COAST, Efforts, lever
 
 LOOK_S: Final = 0.2
 """The time (s) between two looks out of the window and at the speedometer."""
@@ -126,6 +126,6 @@ def _told(view: AdviceView | None, speed_mps: float, efforts: Efforts) -> tuple[
         Asked.HOLD: (to_mps, math.inf),
         Asked.COAST: (math.inf, 0.0),
         Asked.BRAKE: (math.inf, effort * efforts.brakes_n),
-        Asked.BRAKE_BY_EYE: (max(speed_mps, HEEDING.creeps_mps), math.inf),  # No speeding up before braking.
+        Asked.BRAKE_BY_EYE: (max(speed_mps, CREEPS_MPS), math.inf),  # No speeding up before braking.
         Asked.KEEP_BELOW: (to_mps, 0.0),
     }[asked(view.mode, to_mps, effort, speed_mps)]

@@ -17,7 +17,6 @@ from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs
 from das.command_line.options import JsonOption, OverwriteOption
 from das.command_line.printing import busy, loading_solver, new_table, paragraph, print_table, progress_bar, tell, typed
-from das.domain.errors import DasError
 from das.domain.files.writing import new_file
 from sim.cli.options import (
     FromTimeOption,
@@ -355,18 +354,11 @@ def _compared_advice(files: Sequence[Path], train: str) -> tuple[dict[str, objec
 
 def _compared_drives(files: Sequence[Path], train: str) -> tuple[dict[str, object], Callable[[], None]]:
     """The differences of two drives, for programs, and a function that prints the differences as in a report."""
-    from das.bus.recording import recording_of
     from sim.cli.review import print_comparison
-    from sim.drive.comparison import AlignedDrives, as_dict, drives_on_track
+    from sim.drive.comparison import as_dict, compared
     from sim.drive.drive import Drive
-    from sim.recording.opening import open_contents
+    from sim.recording.opening import open_recording
 
-    aligned: AlignedDrives | None = None
-    why_not = ""
-    try:
-        drives = [Drive(recording=recording_of(open_contents(path), train)) for path in files]
-        aligned = AlignedDrives.of(drives_on_track(drives))
-    except DasError as error:
-        why_not = str(error)
-    compared: dict[str, object] = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
-    return compared, lambda: print_comparison(aligned, why_not)
+    aligned, why_not = compared([Drive(recording=open_recording(path, train)) for path in files])
+    found: dict[str, object] = {"comparison": None if aligned is None else as_dict(aligned), "not_compared": why_not}
+    return found, lambda: print_comparison(aligned, why_not)

@@ -29,10 +29,11 @@ from sim.cli.options import (
 from sim.options import OfTrainOption, PageFiles
 
 if TYPE_CHECKING:
-    from sim.drive.attribution.attribution import Attribution
+    from sim.drive.attribution import Attribution
     from sim.drive.comparison import AlignedDrives
     from sim.drive.drive import Drive
     from sim.drive.events import Filter
+    from sim.review.page import ReviewedDrive
 
 
 class ReportPart(StrEnum):
@@ -90,11 +91,11 @@ class NewNote:
 
     def add(self, files: Sequence[Path]) -> None:
         """Add the note, if any; raises DasError without a time, outside the drive, or for several recordings."""
+        if self.note is None and self.at is None:
+            return
         from sim.drive.drive import Drive
         from sim.drive.notes import Note, add_note
 
-        if self.note is None and self.at is None:
-            return
         if self.note is None or self.at is None or len(files) != 1:
             example = 'das-sim report drive.mcap --note "braked late" --at 12:34'
             raise DasError(f"a note needs its text, --at and one recording, for example: {example}")
@@ -138,31 +139,45 @@ def report(
 ) -> None:
     """Write a report on recorded drives: one page for an instructor, then figures, pictures and events."""
     parts = tuple(show or (ReportPart.WORDS,))
-    paged = any(path is not None for path in written.paths)
+    whole = as_json or any(path is not None for path in written.paths)
     _check_asked(files, parts, listed, table)
-    if paged or as_json:
+    if whole:
         check_packages("view", "jinja2", "matplotlib")
     written.check(files, table, overwrite=overwrite)
     noted.add(files)
-    if not paged and not as_json and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
+    if not whole and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
         _print_listed(files[0], parts, listed)
         return
     with loading_solver():
-        from sim.review.report.page import as_dict, compared, page, subject_of
-
+        from sim.drive.comparison import compared
     with busy("reading the recordings and solving their sections …"):
-        subjects = [subject_of(path) for path in files]
-        aligned, not_compared = compared(subjects)
-    written.write(lambda: page(subjects, aligned, not_compared))
+        drives, subjects = _read(files, whole=whole)
+        aligned, not_compared = compared(drives)
+    if whole:
+        from sim.review.page import as_dict, page
+
+        written.write(lambda: page(subjects, aligned, not_compared))
     if table is not None:
         _write_csv(table, aligned, not_compared)
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
-    for subject in subjects:
-        _print_parts(subject.drive, parts, listed)
+    for drive in drives:
+        _print_parts(drive, parts, listed)
     print_comparison(aligned, not_compared)
     tell_written(*written.paths, table)
+
+
+def _read(files: Sequence[Path], *, whole: bool) -> tuple[list[Drive], list[ReviewedDrive]]:
+    """The drives; for a page or JSON (`whole`) also the checks of their recordings."""
+    if not whole:
+        from sim.drive.drive import Drive
+
+        return [Drive.read(path) for path in files], []
+    from sim.review.page import subject_of
+
+    subjects = [subject_of(path) for path in files]
+    return [one.drive for one in subjects], subjects
 
 
 def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
@@ -183,7 +198,7 @@ def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents)
 def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
     for part in parts:
         if part is ReportPart.WORDS:
-            from sim.review.report.first_page import in_lines
+            from sim.review.first_page import in_lines
 
             happened, *others = in_lines(drive)
             for line in (f"{drive.name}: {happened}", *others):
@@ -234,8 +249,8 @@ def _print_causes(attribution: Attribution) -> None:
     from rich.table import Table
 
     from das.domain.units import kwh_figure
-    from sim.drive.attribution.attribution import OTHER_TRAIN
-    from sim.drive.attribution.causes import EnergyCause
+    from sim.drive.attribution import OTHER_TRAIN
+    from sim.drive.causes import EnergyCause
 
     legs = attribution.legs
     table = Table(title="energy at the current collector, kWh", title_justify="left")

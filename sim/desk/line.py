@@ -17,10 +17,10 @@ from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from sim.desk.messages import PageSettings
-from sim.drivers.cab import AT_STOP_M, AdviceView, Efforts
+from sim.drivers.cab import AT_STOP_M, AdviceView
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.plant.plant import train_numbers
+from sim.plant.plant import Efforts, train_numbers
 
 SPEED_STEP_MPS: Final = 2.0
 """Speed step (m/s) of the table of efforts."""

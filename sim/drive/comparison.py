@@ -27,9 +27,9 @@ from das.domain.errors import DasError
 from das.domain.summary import Summary
 from das.domain.units import NS, kmh, kwh, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words
-from sim.drive.attribution.driven_legs import DrivenLeg, since_departure_j
 from sim.drive.drive import Drive
 from sim.drive.events import place_text
+from sim.drive.legs import DrivenLeg, since_departure_j
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.recording.course import Floats, Times, known
@@ -482,6 +482,16 @@ class AlignedDrives(Summary):
         rows |= {int(np.searchsorted(self.s_m, stop)) for stop in stops_m if self.s_m[0] < stop < self.s_m[-1]}
         kept = sorted(rows)
         return [kept[0], *(b for a, b in pairwise(kept) if self.s_m[b] - self.s_m[a] > EDGE_M)]
+
+
+def compared(drives: Sequence[Drive]) -> tuple[AlignedDrives | None, str]:
+    """Several drives aligned by position, or None and the reason why they cannot be; None for a single drive."""
+    if len(drives) < 2:
+        return None, ""
+    try:
+        return AlignedDrives.of(drives_on_track(drives)), ""
+    except DasError as error:
+        return None, str(error)
 
 
 def _rows(first: Drive, low_m: float, high_m: float, step_m: float) -> tuple[Floats, Floats]:

@@ -20,7 +20,6 @@ from das.domain.summary import Summary
 from das.domain.units import KM, NS, kwh_words
 from sim.drive.calls import KeptCall, Travelled, calls, travelled
 from sim.drive.events import DriveEvent, Span, events, silences
-from sim.drive.figures import DriveFigures, figures
 from sim.drive.limits import (
     Signal,
     TemporaryLimit,
@@ -30,15 +29,15 @@ from sim.drive.limits import (
     temporary_limits,
     violations_of,
 )
-from sim.drive.series import Found, series
 from sim.drive.table import DriveTable
 from sim.recording.course import Floats
-from sim.recording.inputs import DriveInputs
-from sim.recording.opening import open_recording
+from sim.recording.opening import DriveInputs, open_recording
 
 if TYPE_CHECKING:
     from das.domain.plotted import PlottedRun
     from sim.drive.energy import DriveEnergy
+    from sim.drive.figures import DriveFigures
+    from sim.drive.series import Found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -98,6 +97,8 @@ class Drive(Summary):
     @cached_property
     def series(self) -> Found:
         """The series of the drive over time, by the names of `sim.drive.series.STYLES`."""
+        from sim.drive.series import series  # with the colours, which only pictures need
+
         return series(self.table)
 
     @cached_property
@@ -133,6 +134,8 @@ class Drive(Summary):
     @cached_property
     def figures(self) -> DriveFigures:
         """Figures on compliance with signals, limits, stops and advice, and on the stability of the advice."""
+        from sim.drive.figures import figures  # which a report in words does not need
+
         return figures(self.table, self.violations, self.calls)
 
     def facts(self) -> dict[str, str]:
@@ -155,7 +158,7 @@ class Drive(Summary):
         Wheel forces are known only for simulated drives; for others, the energy is estimated.
         """
         from das.domain.plotted import PlottedRun
-        from sim.drive.attribution.driven_legs import since_departure_j
+        from sim.drive.legs import since_departure_j
 
         way, course, energy = self.travelled, self.table.course, self.energy
         time_ns = course.between_ns(way.start_ns, way.end_ns)

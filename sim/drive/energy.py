@@ -17,9 +17,10 @@ from sim.drive.above_optimum import (
     SectionEnergy,
     why_not_comparable,
 )
-from sim.drive.attribution.attribution import Attribution, attribution_of
-from sim.drive.attribution.causes import ShownAdvice
-from sim.drive.attribution.driven_legs import (
+from sim.drive.attribution import Attribution, attribution_of
+from sim.drive.calls import KeptCall
+from sim.drive.causes import ShownAdvice
+from sim.drive.legs import (
     ComparedLeg,
     DrivenLeg,
     DrivenMotion,
@@ -33,7 +34,6 @@ from sim.drive.attribution.driven_legs import (
     section_of_leg,
     smoothed_motions,
 )
-from sim.drive.calls import KeptCall
 from sim.drive.table import DriveTable
 
 MOST_LEGS: Final = 3

@@ -22,11 +22,20 @@ from das.advice.wording import words
 from das.domain.units import KM, NS, PERCENT, kmh
 from sim.drive.calls import NEAR_M, KeptCall
 from sim.drive.limits import signals, spans_above, temporary_limits
-from sim.drive.notes import read_notes
 from sim.drive.table import HOLDS_NS, HOLDS_S, DriveTable, PlanMade
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.presentations.presenter import ShownRegime
-from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, arrival_ns, departure_ns, stands
+from sim.recording.course import (
+    STANDING_MPS,
+    DriveClock,
+    DrivenCourse,
+    Floats,
+    arrival_ns,
+    departure_ns,
+    stands,
+    times_text,
+)
+from sim.recording.opening import notes_path
 
 
 class EventKind(StrEnum):
@@ -98,11 +107,6 @@ def place_m(trip: DrivenCourse, time_ns: int) -> float:
 def lateness_text(late_s: float) -> str:
     """Words for the lateness of a train: "12 s late", "3 s early" or "on time"."""
     return "on time" if abs(late_s) <= 0.5 else f"{abs(late_s):.0f} s {'late' if late_s > 0 else 'early'}"
-
-
-def times_text(count: int) -> str:
-    """Words for a number of times: "once", "twice", "3 times"."""
-    return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -476,8 +480,12 @@ def as_rows(events: Iterable[DriveEvent], clock: DriveClock) -> list[dict[str, A
 
 def _notes(table: DriveTable) -> Iterator[DriveEvent]:
     """The notes that people made on the recording, as events; notes outside the time of the drive are left out."""
-    trip = table.course
-    for number, note in enumerate(read_notes(table.recording.path), start=1):
+    trip, recording = table.course, table.recording.path
+    if not notes_path(recording).exists():
+        return
+    from sim.drive.notes import read_notes  # with the libraries of MCAP
+
+    for number, note in enumerate(read_notes(recording), start=1):
         if not trip.time_ns[0] <= note.time_ns <= trip.time_ns[-1]:
             continue
         yield DriveEvent.on(trip, EventKind.NOTE, note.time_ns, note.text, number=number, note=note.text)

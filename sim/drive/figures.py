@@ -13,13 +13,12 @@ from typing import Final, NamedTuple
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import kmh
 from sim.drive.calls import KeptCall
-from sim.drive.events import times_text
 from sim.drive.instructions import InstructionFigures, instructions
 from sim.drive.limits import Violations
 from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.cab import AT_STOP_M
 from sim.drivers.presentations.presenter import Shown
-from sim.recording.course import known
+from sim.recording.course import known, times_text
 
 MOST_CHANGES_PER_MIN: Final = 2.0
 """Mean changes per minute above which advice is restless."""

@@ -13,9 +13,8 @@ from mcap_protobuf.schema import register_schema
 
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
+from sim.recording.opening import notes_path
 
-SUFFIX: Final = ".notes"
-"""Suffix of a file of notes: an MCAP file that patterns for drives, like `run*.mcap`, must not match."""
 TOPIC: Final = "notes"
 LONGEST_NOTE: Final = 2000
 """The greatest number of characters in a note."""
@@ -26,11 +25,6 @@ class Note(NamedTuple):
 
     time_ns: int
     text: str
-
-
-def notes_path(recording: Path) -> Path:
-    """The file of the notes of a recording."""
-    return recording.with_name(f"{recording.stem}{SUFFIX}")
 
 
 def read_notes(recording: Path) -> tuple[Note, ...]:

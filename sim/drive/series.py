@@ -18,8 +18,8 @@ from sim.meanings import Meaning
 from sim.recording.course import DrivenCourse, Floats, Times
 
 if TYPE_CHECKING:
-    from sim.drive.attribution.driven_legs import DrivenMotion
     from sim.drive.energy import DriveEnergy
+    from sim.drive.legs import DrivenMotion
 
 UNKNOWN_S: Final = 10.0
 """Longest time (s) without records over which the curves of the drive have no gap."""

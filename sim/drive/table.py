@@ -31,7 +31,7 @@ from sim.drivers.kinds import Presentation, as_now_called
 from sim.drivers.messages import recorded_view
 from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, own_timetable
-from sim.recording.inputs import DriveInputs, inputs_of
+from sim.recording.opening import DriveInputs, inputs_of
 
 NUMBERS: Final[Mapping[Topic, str]] = {
     topics.TRUTH: (

@@ -6,37 +6,18 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from numbers import Real
-from typing import Any, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
-from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from sim.drivers.kinds import Presentation
-from sim.plant import kernels
-from sim.plant.kernels import FORCE, LEVER, NO_LIMIT_N, SPEED, Command, TrainNumbers
+
+if TYPE_CHECKING:
+    from sim.plant.kernels import Command
 
 AT_STOP_M = 10.0
 """Largest distance (m) from its stop at which a standing train counts as arrived, with all doors at the platform."""
-
-
-class Efforts(NamedTuple):
-    """The largest forces (N) of a train at a speed on dry rail: traction, the electric brake, both brakes together."""
-
-    traction_n: float
-    electric_n: float
-    brakes_n: float
-
-    @classmethod
-    def at(cls, speed_mps: float, train: TrainNumbers) -> Efforts:
-        """The largest forces at a speed (m/s)."""
-        return cls(*kernels.efforts(max(speed_mps, 0.0), 1.0, train))
-
-    def lever_ratio(self, force_n: float) -> float:
-        """The controller's setting (−1 … 1) that gives a wheel force."""
-        most_n = self.traction_n if force_n >= 0 else self.brakes_n
-        return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,11 +156,6 @@ def beginning_of(driver: object) -> Callable[[Any], None] | None:
     return begin
 
 
-def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
-    """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
-    return Efforts.at(speed_mps, train).lever_ratio(force_n)
-
-
 KINDS: Final = (
     *("glance", "noticed", "reaction", "followed", "refused"),
     *("acted", "lapse", "lever", "changed", "expected"),
@@ -249,52 +225,3 @@ def asked(mode: int, to_mps: float, effort_ratio: float, speed_mps: float, *, re
             return Asked.BRAKE_BY_EYE
         return Asked.KEEP_BELOW if reached or speed_mps <= to_mps else Asked.BRAKE
     return None
-
-
-_VALUES: Final = {
-    FORCE: ("the wheel force", -NO_LIMIT_N, NO_LIMIT_N, "N"),
-    LEVER: ("the lever's ratio", -1.0, 1.0, ""),
-    SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
-}
-"""For each law of a command: name, range and unit of its value."""
-
-
-def checked(answer: Any, who: str, time_s: float) -> Command:
-    """The answer of a driver at a time (s on the cab's clock), with its numbers as plain floats.
-
-    Raises DasError for anything but a Command, and for numbers that are NaN or out of range; `who` begins the message.
-    """
-    where = f"{who}: at {time_s:.1f} s it answered"
-    if not isinstance(answer, Command):
-        raise DasError(
-            f"{where} {_short(answer)}: expected a Command, made by lever, force or speed of sim.plant.plant"
-        )
-    if answer.law not in _VALUES:
-        raise DasError(f"{where} a Command of law {_short(answer.law)}: expected one made by lever, force or speed")
-    name, low, high, unit = _VALUES[answer.law]
-    return Command(
-        answer.law,
-        _within(answer.value, where, name, (low, high, unit)),
-        _within(answer.rate_mps2, where, "rate_mps2", (-10.0, 10.0, "m/s²")),
-        _within(answer.force_n, where, "force_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.gain_per_s, where, "gain_per_s", (0.0, 100.0, "1/s")),
-        _within(answer.low_n, where, "low_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.high_n, where, "high_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
-        _within(answer.friction_ratio, where, "friction_ratio", (0.0, 1.0, "")),
-    )
-
-
-def _within(value: Any, where: str, name: str, limits: tuple[float, float, str]) -> float:
-    low, high, unit = limits
-    known = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    if not known or not low <= value <= high:
-        raise DasError(f"{where} {name} = {_short(value)}: expected {low:g} to {high:g}{f' {unit}' if unit else ''}")
-    return float(value)
-
-
-def _short(value: Any) -> str:
-    try:
-        text = repr(value)
-    except Exception:
-        text = f"a {type(value).__name__}"
-    return text if len(text) <= 60 else f"{text[:57]}…"

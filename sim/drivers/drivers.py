@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from das.advice.regimes import TRACTION, Regime
-from sim.drivers.cab import AT_STOP_M, AdviceView, Asked, CabView, Driver, Efforts, asked
+from sim.drivers.cab import AT_STOP_M, AdviceView, Asked, CabView, Driver, asked
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
@@ -13,8 +13,14 @@ from sim.drivers.own_class import OwnDriver
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Follower, SpeedIs, presenter_of
 from sim.drivers.tracking import (
-    FOLLOWING,
-    RULE,
+    ANTICIPATION_S,
+    CREEPING_MPS,
+    EASY_BRAKING_MPS2,
+    JUDGED_EVERY_S,
+    LATE_BRAKING_MPS2,
+    MINDED_MPS,
+    READ_MPS,
+    ROLL_MPS,
     RollOff,
     TimeRule,
     hold,
@@ -24,11 +30,11 @@ from sim.drivers.tracking import (
     under_ceiling,
 )
 from sim.plant.kernels import Command
-from sim.plant.plant import COAST, force, lever
+from sim.plant.plant import COAST, Efforts, force, lever
 
-LATE_BRAKING = Habit(braking_mps2=RULE.late_braking_mps2)
+LATE_BRAKING = Habit(braking_mps2=LATE_BRAKING_MPS2)
 """The habit of a driver who brakes late."""
-EASY_BRAKING = Habit(braking_mps2=RULE.easy_braking_mps2)
+EASY_BRAKING = Habit(braking_mps2=EASY_BRAKING_MPS2)
 """The habit of a driver who brakes comfortably."""
 
 
@@ -47,7 +53,7 @@ class FastDriver:
         if stopping is not None:
             return stopping
         rolls = top_mps < cab.speed_mps <= top_mps + roll_mps
-        ceiling = under_ceiling(cab, outlook, RULE.anticipation_s, 0.0 if rolls else math.inf)
+        ceiling = under_ceiling(cab, outlook, ANTICIPATION_S, 0.0 if rolls else math.inf)
         if rolls or top_mps >= ceiling.value:
             return ceiling
         return hold(cab, outlook, top_mps if cab.speed_mps <= top_mps else min(top_mps + roll_mps, ceiling.value))
@@ -81,11 +87,11 @@ class TimetableDriver(FastDriver):
 
     def __init__(self, line: LineKnowledge, habit: Habit = EASY_BRAKING) -> None:
         super().__init__(line, habit)
-        self._rule = TimeRule(RULE.judged_every_s)
+        self._rule = TimeRule(JUDGED_EVERY_S)
 
     def command(self, cab: CabView) -> Command:
         outlook = self.foresight.outlook(cab)
-        return stand(cab) or self._drive(cab, outlook, self._rule.cap_mps(cab, outlook), RULE.roll_mps)
+        return stand(cab) or self._drive(cab, outlook, self._rule.cap_mps(cab, outlook), ROLL_MPS)
 
 
 def shown_cap(cab: CabView) -> float | None:
@@ -135,8 +141,8 @@ class PerfectDriver:
 
     def _must_mind(self, cab: CabView) -> bool:
         """Whether the train is near the highest speed under restrictions and signals that the advice may not know."""
-        soon_m = cab.s_m + cab.speed_mps * RULE.anticipation_s
-        return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - FOLLOWING.minded_mps
+        soon_m = cab.s_m + cab.speed_mps * ANTICIPATION_S
+        return cab.speed_mps > self._minding.foresight.outlook(cab).allowed_mps(soon_m) - MINDED_MPS
 
 
 class LiteralDriver:
@@ -170,7 +176,7 @@ class LiteralDriver:
             due = view
         gains = due.mode in TRACTION
         away_mps = due.speed_mps - v if gains else v - due.speed_mps
-        self._reached = self._reached or away_mps <= (FOLLOWING.read_mps if gains else 0.0)
+        self._reached = self._reached or away_mps <= (READ_MPS if gains else 0.0)
         return due
 
     def _obeyed(self, cab: CabView, card: AdviceView) -> Command:
@@ -189,8 +195,8 @@ class LiteralDriver:
         return lever(-1.0)  # The card shows "stop".
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> Command:
-        if cab.speed_mps < FOLLOWING.creeping_mps and cab.stop_m - cab.s_m > AT_STOP_M:
-            return hold(cab, outlook, FOLLOWING.creeping_mps)
+        if cab.speed_mps < CREEPING_MPS and cab.stop_m - cab.s_m > AT_STOP_M:
+            return hold(cab, outlook, CREEPING_MPS)
         needed = needed_braking_mps2(cab, cab.stop_m)
         if math.isinf(needed):
             return lever(-1.0)

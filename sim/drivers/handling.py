@@ -1,86 +1,50 @@
-"""How human drivers hold a speed, brake and move the controller, with the settings that all human drivers share.
+"""How human drivers hold a speed, brake and move the controller, with what all human drivers share.
 Parameters that differ between drivers, or that a scenario can set, are in `sim.drivers.parameters`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from das.domain.units import KMH
-from sim.drivers.cab import AT_STOP_M, CabView, Diary, Efforts
+from sim.drivers.cab import AT_STOP_M, CabView, Diary
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Outlook
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.tracking import TRACKING, RollOff
+from sim.drivers.tracking import STOPPING_MPS, RollOff
 from sim.plant.kernels import TrainNumbers
+from sim.plant.plant import Efforts
 
-
-@dataclass(frozen=True, kw_only=True)
-class HumanSettings:
-    """Handling that all human drivers share. All values are assumptions, chosen so that the drives look realistic."""
-
-    gain_per_s: float = 0.1
-    """Share of a speed error that a driver corrects per second."""
-    settled_ratio: float = 0.25
-    """Share of the dead band down to which the speed error is corrected."""
-    roll_mps: float = 2.0
-    """Least excess (m/s) over the intended speed for which a driver brakes."""
-    released_ratio: float = 0.6
-    """Share of the planned deceleration down to which the brakes stay applied."""
-    settled_mps: float = 0.1
-    """Excess over a limit (m/s) at which braking for it ends."""
-    regained_s: float = 10.0
-    """Least time (s) in which a descent adds the dead band to the speed for the brakes to be released there."""
-    eased_s: float = 6.0
-    """Time (s) in which a driver removes the excess over a limit by braking."""
-    nearest_m: float = 0.3
-    """Last distance (m) before the mark; within it and beyond the mark, the driver brakes as planned."""
-    missed_m: float = 0.5 * AT_STOP_M
-    """Largest misjudgement (m) of the place of a mark. Braking adds a further error, and a train further off than
-    `AT_STOP_M` counts as not arrived."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeedingSettings:
-    """Parameters of all human drivers for limits and advice. All values are assumptions."""
-
-    warning_mps: float = 1.5
-    """Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
-    watched_mps: float = 1.5
-    """Margin (m/s) below the highest permitted speed; within the margin, that speed has priority over advice."""
-    eased_off_s: float = 1.5
-    """Time (s) before reaching the target speed of an acceleration at which the driver eases off."""
-    expected_within_s: float = 5.0
-    """Longest time (s) between a change of the advice and the announced change for it to count as announced."""
-    made_good_s: float = 20.0
-    """Displayed lateness (s) from which on a driver drives as fast as allowed, and earliness for just in time."""
-    creeps_mps: float = 10.0 * KMH
-    """Lowest speed (m/s) of a driver who brakes for a stop by eye, before braking is necessary."""
-    least_effort_s: float = 4.0
-    """Shortest acceleration (s) that a driver begins; for a shorter one the speed is held. Instead of braking for a
-    shorter time, the train rolls."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class HandSettings:
-    """Parameters of all human drivers for moving the controller. All values are assumptions."""
-
-    waits_s: float = 5.0
-    """Time (s) that a driver waits after setting the controller to see the effect before a small change. The
-    effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
-    waits_ratio: float = 0.3
-    """Share of the controller's scale above which a change is not small: one and a half steps of a display."""
-    end_stop_ratio: float = 0.99
-    """Share of the controller's scale above which an effort counts as the end of the scale, a mechanical stop."""
-
-
-HANDLING: Final = HumanSettings()
-HEEDING: Final = HeedingSettings()
-HAND: Final = HandSettings()
+# What all human drivers share. All values are assumptions, chosen so that the drives look realistic.
+GAIN_PER_S: Final = 0.1
+"""Share of a speed error that a driver corrects per second."""
+SETTLED_RATIO: Final = 0.25
+"""Share of the dead band down to which the speed error is corrected."""
+ROLL_MPS: Final = 2.0
+"""Least excess (m/s) over the intended speed for which a driver brakes."""
+RELEASED_RATIO: Final = 0.6
+"""Share of the planned deceleration down to which the brakes stay applied."""
+SETTLED_MPS: Final = 0.1
+"""Excess over a limit (m/s) at which braking for it ends."""
+REGAINED_S: Final = 10.0
+"""Least time (s) in which a descent adds the dead band to the speed for the brakes to be released there."""
+EASED_S: Final = 6.0
+"""Time (s) in which a driver removes the excess over a limit by braking."""
+NEAREST_M: Final = 0.3
+"""Last distance (m) before the mark; within it and beyond the mark, the driver brakes as planned."""
+MISSED_M: Final = 0.5 * AT_STOP_M
+"""Largest misjudgement (m) of the place of a mark. Braking adds a further error, and a train further off than
+`AT_STOP_M` counts as not arrived."""
+CREEPS_MPS: Final = 10.0 * KMH
+"""Lowest speed (m/s) of a driver who brakes for a stop by eye, before braking is necessary."""
+WAITS_S: Final = 5.0
+"""Time (s) that a driver waits after setting the controller to see the effect before a small change. The
+effort takes 1 to 2 s to build up, and at 0.1 m/s² the speedometer needs 3 s for 1 km/h."""
+WAITS_RATIO: Final = 0.3
+"""Share of the controller's scale above which a change is not small: one and a half steps of a display."""
 
 
 class Wander:
@@ -130,7 +94,7 @@ class StopMark:
         """The estimated position (m) of the mark."""
         if cab.halt_m != self._for_m:
             self._for_m = cab.halt_m
-            most_m = HANDLING.missed_m
+            most_m = MISSED_M
             off_m = self._human.stop_error_m * float(self._random.standard_normal())
             off_m = min(max(off_m, -most_m), most_m)
             self._off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
@@ -156,9 +120,9 @@ class SpeedHold:
         human = self._human
         if abs(error_mps) > human.dead_band_mps:
             self._correcting = True
-        elif abs(error_mps) <= HANDLING.settled_ratio * human.dead_band_mps:
+        elif abs(error_mps) <= SETTLED_RATIO * human.dead_band_mps:
             self._correcting = False
-        return HANDLING.gain_per_s * mass_kg * error_mps if self._correcting else 0.0
+        return GAIN_PER_S * mass_kg * error_mps if self._correcting else 0.0
 
     def force_n(self, error_mps: float, needed_n: float, mass_kg: float, *, crawls: bool) -> float:
         """The wheel force (N) for an error of the speed (wanted − actual, m/s); holding the speed needs `needed_n`.
@@ -169,7 +133,7 @@ class SpeedHold:
         # Downhill the driver brakes until the speed is right and then lets the train roll, to brake less often.
         if not self._correcting or error_mps > 0 or crawls:
             self._restraining = False
-        elif error_mps <= -HANDLING.roll_mps:
+        elif error_mps <= -ROLL_MPS:
             self._restraining = True
         return 0.0 if force_n < 0 and not self._restraining else force_n
 
@@ -226,7 +190,7 @@ class Handling:
         """The setting that holds a speed: the intended speed, or a `ceiling` for the speed under advised effort."""
         error = speed_mps + min(self._errors.speed_mps, self._human.below_limit_mps) - cab.speed_mps
         needed_n, mass_kg = outlook.resisting_n(cab.s_m, cab.speed_mps), outlook.train.inertial_mass_kg
-        crawls = cab.speed_mps <= TRACKING.stopping_mps
+        crawls = cab.speed_mps <= STOPPING_MPS
         hold = self._ceiling if ceiling else self._hold
         return self.efforts.lever_ratio(
             hold.force_n(error, needed_n, mass_kg, crawls=crawls) * self._errors.force_ratio
@@ -243,23 +207,23 @@ class Handling:
         `reach_s` is the time (s) that the hand needs to return the controller from traction to 0.
         """
         human, v, s = self._human, cab.speed_mps, cab.s_m
-        needed = outlook.needed_braking_mps2(s, v, v * HANDLING.eased_s)
-        if v <= TRACKING.stopping_mps:
+        needed = outlook.needed_braking_mps2(s, v, v * EASED_S)
+        if v <= STOPPING_MPS:
             way_m = self._mark.at_m(cab) - s
-            stopping = v * v / (2.0 * way_m) if way_m > HANDLING.nearest_m else human.braking_mps2
-            if stopping >= HANDLING.released_ratio * human.braking_mps2:
+            stopping = v * v / (2.0 * way_m) if way_m > NEAREST_M else human.braking_mps2
+            if stopping >= RELEASED_RATIO * human.braking_mps2:
                 self._braking = self.brakes_hard = True
                 return stopping
         ahead_m = v * (human.early_braking_s + reach_s)
         if v > outlook.allowed_mps(s + ahead_m) + min(human.dead_band_mps, human.below_limit_mps):
             self._braking = True
-        elif needed < HANDLING.released_ratio * human.braking_mps2:
+        elif needed < RELEASED_RATIO * human.braking_mps2:
             rolls_mps2 = -outlook.resisting_n(s, v) / outlook.train.inertial_mass_kg
             # If the train would immediately speed up downhill, the driver eases the brake but does not release it.
-            steep = rolls_mps2 * HANDLING.regained_s > human.dead_band_mps
-            settled_mps = -human.dead_band_mps if steep else HANDLING.settled_mps
-            self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, TRACKING.stopping_mps)
-        self.brakes_hard = self._braking and needed >= HANDLING.released_ratio * human.braking_mps2
+            steep = rolls_mps2 * REGAINED_S > human.dead_band_mps
+            settled_mps = -human.dead_band_mps if steep else SETTLED_MPS
+            self._braking = self._braking and v > max(outlook.allowed_mps(s) + settled_mps, STOPPING_MPS)
+        self.brakes_hard = self._braking and needed >= RELEASED_RATIO * human.braking_mps2
         return needed if self._braking else None
 
     def braked(self, cab: CabView, outlook: Outlook, needed_mps2: float) -> float:
@@ -296,9 +260,9 @@ class Hand:
     def move(self, wanted: float, now_s: float, span_s: float, *, task: object = None, urgent: bool = False) -> None:
         """Move the controller towards a setting during `span_s`."""
         before = self.setting
-        small = abs(wanted - before) < HAND.waits_ratio and abs(wanted) < 1.0 and not self._moving
+        small = abs(wanted - before) < WAITS_RATIO and abs(wanted) < 1.0 and not self._moving
         since_s = self._begun_s if wanted * before <= 0 else self._left_s
-        if small and now_s < since_s + HAND.waits_s and task == self._task and not urgent:
+        if small and now_s < since_s + WAITS_S and task == self._task and not urgent:
             return
         self._task = task
         self.setting = self._by_notches(wanted, now_s) if self._human.notches else self._by_percent(wanted, span_s)

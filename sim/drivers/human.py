@@ -4,20 +4,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime
-from sim.drivers.cab import AdviceView, Asked, CabView, Diary, DriverEvent, Efforts, asked
-from sim.drivers.handling import HAND, HEEDING, Errors, Hand, Handling, StopMark
+from sim.drivers.cab import AdviceView, Asked, CabView, Diary, DriverEvent, asked
+from sim.drivers.handling import CREEPS_MPS, Errors, Hand, Handling, StopMark
 from sim.drivers.kinds import FrictionPolicy
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.parameters import HumanParameters
-from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.drivers.tracking import RULE, TimeRule
+from sim.drivers.presentations.presenter import END_STOP_RATIO, SpeedIs, presenter_of
+from sim.drivers.tracking import JUDGED_EVERY_S, TimeRule
 from sim.plant.kernels import Command
-from sim.plant.plant import COAST, lever
+from sim.plant.plant import COAST, Efforts, lever
+
+# Parameters of all human drivers for limits and advice. All values are assumptions.
+WARNING_MPS: Final = 1.5
+"""Excess over the braking curve (m/s) at which the train warns its driver; the warning ends any lapse."""
+WATCHED_MPS: Final = 1.5
+"""Margin (m/s) below the highest permitted speed; within the margin, that speed has priority over advice."""
+EASED_OFF_S: Final = 1.5
+"""Time (s) before reaching the target speed of an acceleration at which the driver eases off."""
+EXPECTED_WITHIN_S: Final = 5.0
+"""Longest time (s) between a change of the advice and the announced change for it to count as announced."""
+MADE_GOOD_S: Final = 20.0
+"""Displayed lateness (s) from which on a driver drives as fast as allowed, and earliness for just in time."""
+LEAST_EFFORT_S: Final = 4.0
+"""Shortest acceleration (s) that a driver begins; for a shorter one the speed is held. Instead of braking for a
+shorter time, the train rolls."""
 
 
 class Chance:
@@ -76,7 +91,7 @@ class Lapses:
             self._diary.note(now_s, "lapse", length_s)
             self._awake_s = now_s + length_s
             self._next_s = self._awake_s + self._until_next()
-        if cab.speed_mps > allowed_mps + human.below_limit_mps + HEEDING.warning_mps:
+        if cab.speed_mps > allowed_mps + human.below_limit_mps + WARNING_MPS:
             self._awake_s = min(self._awake_s, now_s)
         return now_s < self._awake_s
 
@@ -173,7 +188,7 @@ class DisplayReading:
 
     def _reaction_s(self, mode: int, now_s: float) -> float:
         """The reaction time (s), shorter if the change was announced."""
-        expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= HEEDING.expected_within_s
+        expected = mode == self._announced.mode and abs(now_s - self._announced.due_s) <= EXPECTED_WITHIN_S
         return self._times.draw(now_s, of_itself=self._human.expected_ratio if expected else 1.0)
 
     def _judge(self, view: AdviceView | None, now_s: float) -> None:
@@ -271,7 +286,7 @@ class HumanDriver:
         times = ReactionTimes(human, chance, diary)
         self._errors = Errors(human, chance.speed, chance.force)
         self._foresight = Foresight(line, Habit(braking_mps2=human.braking_mps2, below_mps=human.below_limit_mps))
-        self._rule = TimeRule(RULE.judged_every_s)
+        self._rule = TimeRule(JUDGED_EVERY_S)
         self._motion, self._departure = Motion(), Departure(times)
         self._lapses = Lapses(human, chance, diary)
         self._display = DisplayReading(human, chance, times, diary)
@@ -311,7 +326,7 @@ class HumanDriver:
         handling, heeded, reach_s = self.handling, self._display.heeded, self._hand.reach_s
         allowed = min(outlook.allowed_mps(cab.s_m), cab.limit_mps)
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
-        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - HEEDING.watched_mps
+        near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - WATCHED_MPS
         if heeded.view is not None and heeded.by_effort:
             wanted = presenter_of(heeded.view.presentation).set_by(self, cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
@@ -329,7 +344,7 @@ class HumanDriver:
     def set_effort(self, lever_ratio: float) -> float:
         """An effort as set by the driver (−1 … 1): with an error, except at the ends of the scale, which the hand can
         feel."""
-        if abs(lever_ratio) > HAND.end_stop_ratio:
+        if abs(lever_ratio) > END_STOP_RATIO:
             return math.copysign(1.0, lever_ratio)
         return min(max(lever_ratio * self._errors.force_ratio, -1.0), 1.0)
 
@@ -345,7 +360,7 @@ class HumanDriver:
             brakes = told is Asked.BRAKE
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
         if told is Asked.ACCELERATE:
-            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * HEEDING.eased_off_s
+            away = target - cab.speed_mps - max(self._motion.rate_mps2, 0.0) * EASED_OFF_S
             if away > 0 and not self._display.heeded.reached and not self._soon_over(cab, outlook, effort, target):
                 return self.set_effort(effort)
         if told in (Asked.ACCELERATE, Asked.HOLD):
@@ -359,7 +374,7 @@ class HumanDriver:
         return 0.0
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        return self.handling.held(cab, outlook, max(cab.speed_mps, HEEDING.creeps_mps))
+        return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):
@@ -367,7 +382,7 @@ class HumanDriver:
         efforts = self.handling.efforts
         effort_n = effort * (efforts.traction_n if effort > 0 else efforts.brakes_n)
         rate_mps2 = (effort_n - outlook.resisting_n(cab.s_m, cab.speed_mps)) / outlook.train.inertial_mass_kg
-        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * HEEDING.least_effort_s
+        return abs(target_mps - cab.speed_mps) < abs(rate_mps2) * LEAST_EFFORT_S
 
     def _top_mps(self, cab: CabView, outlook: Outlook) -> float:
         """The driver's top speed (m/s): the displayed one, or a speed between just in time and as fast as allowed."""
@@ -383,5 +398,5 @@ class HumanDriver:
         haste, heeded = self.parameters.haste_ratio, self._display.heeded
         if heeded.view is None or not heeded.follows or math.isnan(heeded.view.deviation_s):
             return haste
-        part = min(max(heeded.view.deviation_s / HEEDING.made_good_s, -1.0), 1.0)
+        part = min(max(heeded.view.deviation_s / MADE_GOOD_S, -1.0), 1.0)
         return haste + part * ((1.0 - haste) if part > 0 else haste)

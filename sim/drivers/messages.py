@@ -12,13 +12,12 @@ from das.advice.reason import Reason
 from das.bus import das_pb2
 from das.bus.restrictions import encode_restriction
 from das.domain.errors import DasError
-from sim.drivers.cab import AdviceView, CabView, checked, lever_ratio
+from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation
-from sim.plant.kernels import Command, demanded
-from sim.plant.plant import force, lever, speed
 
 if TYPE_CHECKING:
     from sim.drivers.knowledge import LineKnowledge
+    from sim.plant.kernels import Command
 
 _SAME: Final = (
     *("valid_until_s", "display_speed_mps", "due_s", "target_way_m", "deviation_s"),
@@ -57,6 +56,9 @@ class CabLook(NamedTuple):
 
 def cab_message(look: CabLook, line: LineKnowledge) -> Message:
     """The message `Cab` of a look; with horizons and limits ahead only if the look asks an external driver."""
+    from sim.plant.kernels import demanded  # compiled; reading a recorded cab does not need the train model
+    from sim.plant.plant import lever_ratio
+
     cab, asked = look.cab, look.number > 0
     message = das_pb2.Cab(
         time_ns=look.time_ns,
@@ -88,6 +90,8 @@ def command_of(message: Any, time_s: float) -> Command:
     """The command in a message `Controls` at a moment (s on the cab's clock). Raises DasError if the message has
     none, or if a number is NaN or out of range.
     """
+    from sim.plant.plant import checked, force, lever, speed
+
     who, law = "--driver external", message.WhichOneof("set")
     if law is None:
         raise DasError(

@@ -15,9 +15,10 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from das.domain.errors import DasError
-from sim.drivers.cab import CabView, DriverEvent, checked, kept_by
+from sim.drivers.cab import CabView, DriverEvent, kept_by
 from sim.drivers.kinds import DriverName, OwnClass
 from sim.plant.kernels import Command
+from sim.plant.plant import checked
 
 if TYPE_CHECKING:
     from sim.drivers.knowledge import LineKnowledge

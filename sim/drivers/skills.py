@@ -12,12 +12,21 @@ import numpy as np
 
 from das.domain.errors import DasError
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
-from sim.drivers.handling import HEEDING, Wander
+from sim.drivers.cab import AdviceView, Asked, CabView, asked
+from sim.drivers.handling import CREEPS_MPS, Wander
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
-from sim.drivers.tracking import RULE, TRACKING, TimeRule, hold, stop_at, under_ceiling
+from sim.drivers.tracking import (
+    ANTICIPATION_S,
+    JUDGED_EVERY_S,
+    STOPPING_RATIO,
+    TimeRule,
+    hold,
+    stop_at,
+    under_ceiling,
+)
 from sim.plant.kernels import Command, demanded
+from sim.plant.plant import Efforts
 
 BEFORE_SIGNAL_M: Final = 15.0
 """Distance (m) before a signal at danger at which a train is stopped."""
@@ -36,7 +45,7 @@ class Skills:
     def __init__(self, line: LineKnowledge, *, braking_mps2: float = 0.5, below_mps: float = 2.0 * KMH) -> None:
         self.braking_mps2 = braking_mps2
         self._foresight = Foresight(line, Habit(braking_mps2=braking_mps2, below_mps=below_mps))
-        self._rule = TimeRule(RULE.judged_every_s)
+        self._rule = TimeRule(JUDGED_EVERY_S)
         self._cab: CabView | None = None
         self._outlook: Outlook | None = None
 
@@ -74,7 +83,7 @@ class Skills:
         if cab.speed_mps <= speed_mps:
             return None
         needed_mps2 = (cab.speed_mps**2 - speed_mps**2) / (2.0 * way_m) if way_m > 0 else self.braking_mps2
-        if needed_mps2 < TRACKING.stopping_ratio * self.braking_mps2:
+        if needed_mps2 < STOPPING_RATIO * self.braking_mps2:
             return None
         force_n = self.outlook.resisting_n(cab.s_m, cab.speed_mps) - self.outlook.train.inertial_mass_kg * needed_mps2
         return self._efforts().lever_ratio(force_n)
@@ -86,7 +95,7 @@ class Skills:
 
     def most(self) -> float:
         """The highest setting that limits, restrictions, signals and stops allow; it stops the train at its halt."""
-        below = self._ratio(under_ceiling(self.cab, self.outlook, RULE.anticipation_s))
+        below = self._ratio(under_ceiling(self.cab, self.outlook, ANTICIPATION_S))
         stopping = self.stop_at(self.cab.halt_m)
         return below if stopping is None else stopping
 
@@ -109,7 +118,7 @@ class Skills:
         if told is Asked.BRAKE:
             return -0.5 if math.isnan(effort) else effort
         if told is Asked.BRAKE_BY_EYE:
-            return min(self.hold(max(self.cab.speed_mps, HEEDING.creeps_mps)), self.most())
+            return min(self.hold(max(self.cab.speed_mps, CREEPS_MPS)), self.most())
         if told is Asked.KEEP_BELOW:
             return min(self.hold(view.shown_speed_mps), 0.0)
         return None if told is None else 0.0

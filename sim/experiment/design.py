@@ -28,7 +28,7 @@ from sim.experiment.driving import participant_name
 from sim.experiment.factors import DEFAULTS, FACTORS, OF_HUMAN, FactorLevel, Setting, setting_files
 from sim.experiment.measures import BUNDLED, MEASURES
 from sim.experiment.people_plan import PeoplePlan, read_plan
-from sim.recording.inputs import sha256
+from sim.recording.opening import sha256
 
 DESIGN_TEXT: Final = "design.toml"
 """The frozen design as written by the user, with its comments."""

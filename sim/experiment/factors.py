@@ -17,7 +17,7 @@ from sim.drivers.kinds import DESK, DriverKind, External, FrictionPolicy, OwnCla
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.screen import LONGEST_S, ScreenSettings
-from sim.recording.inputs import sha256
+from sim.recording.opening import sha256
 from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
 from sim.world.service import scenario_files
 

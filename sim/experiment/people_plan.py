@@ -14,7 +14,7 @@ from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
 from sim.options import MOST_NOTCHES
-from sim.recording.inputs import sha256
+from sim.recording.opening import sha256
 
 TEXTS: Final = ("consent", "instructions", "debriefing")
 """The keys of the Markdown texts, in their order."""

@@ -38,7 +38,7 @@ from sim.experiment.study_files import (
     table_text,
     trials_table,
 )
-from sim.recording.inputs import sha256
+from sim.recording.opening import sha256
 from sim.world.service import PLANNED
 
 ORDER_STREAM: Final = 1

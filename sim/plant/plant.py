@@ -9,6 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -22,9 +24,23 @@ from das.domain.trajectory import EnergyBalance
 from das.domain.units import STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from sim.plant import kernels
-from sim.plant.kernels import NO_LIMIT_N, Actuators, Command, LineNumbers, LossNumbers, PlantState, TrainNumbers
+from sim.plant.kernels import (
+    FORCE,
+    LEVER,
+    NO_LIMIT_N,
+    SPEED,
+    Actuators,
+    Command,
+    LineNumbers,
+    LossNumbers,
+    PlantState,
+    TrainNumbers,
+)
 
-__all__ = ["COAST", "Command", "Dynamics", "Patch", "Plant", "PlantState", "force", "lever", "speed", "train_numbers"]
+__all__ = [
+    "COAST", "Command", "Dynamics", "Efforts", "Patch", "Plant", "PlantState",
+    "checked", "force", "lever", "lever_ratio", "speed", "train_numbers",
+]  # fmt: skip
 
 NO_LIMIT_MPS2 = 1e6
 """An acceleration that no train reaches (finite, so that products stay defined)."""
@@ -34,12 +50,12 @@ DRAWN_AT_MPS = 1.0
 
 def force(force_n: float, *, friction_ratio: float = 0.0) -> Command:
     """The command for a wheel force (N)."""
-    return Command(kernels.FORCE, force_n, friction_ratio=friction_ratio)
+    return Command(FORCE, force_n, friction_ratio=friction_ratio)
 
 
 def lever(ratio: float, *, friction_ratio: float = 0.0) -> Command:
     """The command for a share of the largest effort at the present speed: 1 is full traction, −1 is both brakes."""
-    return Command(kernels.LEVER, ratio, friction_ratio=friction_ratio)
+    return Command(LEVER, ratio, friction_ratio=friction_ratio)
 
 
 def speed(
@@ -52,11 +68,83 @@ def speed(
     high_n: float = NO_LIMIT_N,
 ) -> Command:
     """The command to hold a speed that changes by `rate_mps2`; `force_n` is the force expected for that."""
-    return Command(kernels.SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
+    return Command(SPEED, speed_mps, rate_mps2, force_n, gain_per_s, low_n, high_n)
 
 
 COAST = force(0.0)
 """The command for no force; a standing train does not move, held by its brakes."""
+
+
+class Efforts(NamedTuple):
+    """The largest forces (N) of a train at a speed on dry rail: traction, the electric brake, both brakes together."""
+
+    traction_n: float
+    electric_n: float
+    brakes_n: float
+
+    @classmethod
+    def at(cls, speed_mps: float, train: TrainNumbers) -> Efforts:
+        """The largest forces at a speed (m/s)."""
+        return cls(*kernels.efforts(max(speed_mps, 0.0), 1.0, train))
+
+    def lever_ratio(self, force_n: float) -> float:
+        """The controller's setting (−1 … 1) that gives a wheel force."""
+        most_n = self.traction_n if force_n >= 0 else self.brakes_n
+        return min(max(force_n / most_n, -1.0), 1.0) if most_n > 0 else 0.0
+
+
+def lever_ratio(force_n: float, speed_mps: float, train: TrainNumbers) -> float:
+    """The controller's setting (−1 … 1) that gives a wheel force (N) at a speed."""
+    return Efforts.at(speed_mps, train).lever_ratio(force_n)
+
+
+_VALUES: Final = {
+    FORCE: ("the wheel force", -NO_LIMIT_N, NO_LIMIT_N, "N"),
+    LEVER: ("the lever's ratio", -1.0, 1.0, ""),
+    SPEED: ("the speed to hold", 0.0, 200.0, "m/s"),
+}
+"""For each law of a command: name, range and unit of its value."""
+
+
+def checked(answer: Any, who: str, time_s: float) -> Command:
+    """The answer of a driver at a time (s on the cab's clock), with its numbers as plain floats.
+
+    Raises DasError for anything but a Command, and for numbers that are NaN or out of range; `who` begins the message.
+    """
+    where = f"{who}: at {time_s:.1f} s it answered"
+    if not isinstance(answer, Command):
+        raise DasError(
+            f"{where} {_short(answer)}: expected a Command, made by lever, force or speed of sim.plant.plant"
+        )
+    if answer.law not in _VALUES:
+        raise DasError(f"{where} a Command of law {_short(answer.law)}: expected one made by lever, force or speed")
+    name, low, high, unit = _VALUES[answer.law]
+    return Command(
+        answer.law,
+        _within(answer.value, where, name, (low, high, unit)),
+        _within(answer.rate_mps2, where, "rate_mps2", (-10.0, 10.0, "m/s²")),
+        _within(answer.force_n, where, "force_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.gain_per_s, where, "gain_per_s", (0.0, 100.0, "1/s")),
+        _within(answer.low_n, where, "low_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.high_n, where, "high_n", (-NO_LIMIT_N, NO_LIMIT_N, "N")),
+        _within(answer.friction_ratio, where, "friction_ratio", (0.0, 1.0, "")),
+    )
+
+
+def _within(value: Any, where: str, name: str, limits: tuple[float, float, str]) -> float:
+    low, high, unit = limits
+    known = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not known or not low <= value <= high:
+        raise DasError(f"{where} {name} = {_short(value)}: expected {low:g} to {high:g}{f' {unit}' if unit else ''}")
+    return float(value)
+
+
+def _short(value: Any) -> str:
+    try:
+        text = repr(value)
+    except Exception:
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,1 +1,1 @@
-"""Recordings: opening one, the files it was made from, the course of its drive, its health, and its recovery."""
+"""Recordings: opening one, with the files it was made from, the course of its drive, its health, and its recovery."""

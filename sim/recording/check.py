@@ -20,8 +20,7 @@ from das.bus.topics import TOPICS, Topic
 from das.domain.units import NS
 from das.estimate.estimate import STALE_AFTER_S
 from sim.recording.course import DriveClock, Floats, Times, times_of, utc
-from sim.recording.inputs import missing_files
-from sim.recording.opening import is_session, versions
+from sim.recording.opening import is_session, missing_files, versions
 
 
 @dataclass(frozen=True, kw_only=True)

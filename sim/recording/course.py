@@ -170,6 +170,11 @@ def spell(time_s: float) -> str:
     return f"{rest // MINUTE_S} min {rest % MINUTE_S} s" if rest >= MINUTE_S else f"{rest} s"
 
 
+def times_text(count: int) -> str:
+    """Words for a number of times: "once", "twice", "3 times"."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
 def minutes(time_s: float) -> str:
     """A time (s) as minutes and seconds, "12:34"; empty for NaN."""
     if math.isnan(time_s):

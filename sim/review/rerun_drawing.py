@@ -19,13 +19,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.advice.wording import Language
 from das.domain.units import KMH, NS, kwh_figure
-from sim.drive.attribution.attribution import Attribution
+from sim.drive.attribution import Attribution
 from sim.drive.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.meanings import VIEWER, rgba
 from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times
-from sim.review.report.first_page import in_lines
-from sim.review.report.tables import cause_rows, figures, input_rows
+from sim.review.first_page import in_lines
 from sim.review.scene import COST, WAY, Lane, ReviewScene, lane_entity
+from sim.review.tables import cause_rows, figures, input_rows
 from sim.review.words import DisplayWords, cards
 
 DRIVE_CLOCK, POSITION = "drive_clock", "position_m"

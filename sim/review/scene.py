@@ -17,9 +17,9 @@ from das.bus import das_pb2
 from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from das.drawing.colors import MODES
-from sim.drive.attribution.attribution import Attribution, LegAttribution
-from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution import Attribution, LegAttribution
 from sim.drive.calls import AtStop, at_stops
+from sim.drive.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, EventKind, Span, place_text
 from sim.drive.series import (

@@ -33,11 +33,11 @@ from das.solver.section import Section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import part_between
-from sim.drive.attribution.driven_legs import DrivenLeg, DrivenMotion, Smoothed, legs_of, open_calls
 from sim.drive.calls import KeptCall, calls_on_the_way, kept_calls
+from sim.drive.legs import DrivenLeg, DrivenMotion, Smoothed, legs_of, open_calls
 from sim.options import ReplayOptions, TripOptions, pace_factor
 from sim.recording.course import OWN_TIMETABLE
-from sim.recording.inputs import input_files, sha256
+from sim.recording.opening import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.portal_stops import journey_file, trip_journey
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile

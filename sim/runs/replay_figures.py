@@ -17,8 +17,8 @@ from das.solver.section import Section
 from das.solver.solution import Fit
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, percent_of_optimum
-from sim.drive.attribution.driven_legs import ComparedLeg, LikelyRange, Smoothed, likely_range, section_of_leg
-from sim.recording.inputs import DriveInputs
+from sim.drive.legs import ComparedLeg, LikelyRange, Smoothed, likely_range, section_of_leg
+from sim.recording.opening import DriveInputs
 from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import ESTIMATE_FOREIGN_RATIO, EnergyRange, doubt, energy_range

@@ -48,8 +48,7 @@ from das.domain.files.load import catalogue
 from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
 from das.node.process import CabPlan, plan_cab
 from sim.recording.check import restarts_of
-from sim.recording.inputs import AttachedFiles
-from sim.recording.opening import NODE_ARGUMENTS, open_contents
+from sim.recording.opening import NODE_ARGUMENTS, AttachedFiles, open_contents
 
 FILES: Final = {"--route": "route", "--vehicle": "vehicle", "--loss-map": "loss_map"}
 """Options of the node that name an input file, and the name of that file in the recording's metadata."""

@@ -21,7 +21,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
 from sim.options import TripOptions
 from sim.recording.course import DrivenCourse, stood_ns
-from sim.recording.inputs import AttachedFiles
+from sim.recording.opening import AttachedFiles
 from sim.trips.cleaning import LEAST_KEPT_RATIO, FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import AT_PLATFORM_M, WANDER_M, MatchedTrip, match_trip, runs_back, stands

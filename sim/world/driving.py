@@ -29,7 +29,7 @@ from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.own_class import driver_versions
 from sim.drivers.presentations.presenter import presenter_of
 from sim.drivers.screen import ScreenSettings, screen_metadata
-from sim.recording.inputs import DriveInputs, sha256
+from sim.recording.opening import DriveInputs, sha256
 from sim.world.disturbances import described
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
 from sim.world.loop import BEFORE_S, TRAIN, InProcess, Progress, Run, Tick, Told, World

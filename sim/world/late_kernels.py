@@ -19,9 +19,8 @@ from das.solver.guide.policies import GuideFront
 from das.solver.section import Section, build_section
 from das.solver.state import State
 from das.solver.warm_up import tiny_route, tiny_vehicle
-from sim.drivers.cab import lever_ratio
 from sim.plant.kernels import demanded
-from sim.plant.plant import COAST, Plant, train_numbers
+from sim.plant.plant import COAST, Plant, lever_ratio, train_numbers
 
 
 def main() -> None:

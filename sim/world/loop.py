@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from das.advice.advice import Advice
 from das.bus import codec
@@ -28,8 +28,10 @@ from sim.plant.plant import COAST
 from sim.world.lockstep import Counts
 from sim.world.scenario import EarlyDeparture
 from sim.world.service import Day, Service
-from sim.world.simpler import PaperSheet, SimplerDisplays
 from sim.world.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from sim.world.simpler import PaperSheet, SimplerDisplays
 
 
 class Tick(NamedTuple):
@@ -127,8 +129,7 @@ class World:
         self._counts, self._shown_watch, self._instruction_watch = Counts(), ShownWatch(), InstructionWatch()
         self._told = 0
         self._screen = Screen(screen)
-        self._paper = PaperSheet(day) if presentation is Presentation.SHEET else None
-        self._simpler = SimplerDisplays(day.service) if presenter_of(presentation).is_simpler else None
+        self._paper, self._simpler = _in_part(day, presentation)
 
     def run(self, progress: Progress | None = None) -> Run:
         """Simulate from before the departure to after the last arrival; DasError if the train does not arrive."""
@@ -233,6 +234,16 @@ class World:
             )
         on_screen = self._screen.show(view, state.time_s, stands=state.speed_mps <= 0)
         self._shown = on_screen, int(advice.cause) if view is None and advice is not None else 0
+
+
+def _in_part(day: Day, presentation: Presentation) -> tuple[PaperSheet | None, SimplerDisplays | None]:
+    """The sheet, and the display of a part of the advice; None for a presentation that is another one."""
+    on_paper, in_part = presentation is Presentation.SHEET, presenter_of(presentation).is_simpler
+    if not (on_paper or in_part):
+        return None, None
+    from sim.world.simpler import PaperSheet, SimplerDisplays  # and with them the offline planner of sheets
+
+    return PaperSheet(day) if on_paper else None, SimplerDisplays(day.service) if in_part else None
 
 
 TRAIN = "train"

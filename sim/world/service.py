@@ -25,7 +25,6 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
-from das.offline.journey import JourneyPlanner
 from das.solver.front import Front
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import Solution
@@ -37,7 +36,7 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters, Participant, stream_of
 from sim.plant.plant import Patch, Plant
-from sim.recording.inputs import input_files, sha256, vehicle_files
+from sim.recording.opening import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.scenario import Scenario, Truth
 
@@ -312,6 +311,8 @@ def _planned_timetables(
     journey: Journey, zero_ns: int, route: Route, vehicle: Vehicle, level: Level | None
 ) -> tuple[Timetable, ...]:
     """Times of the least-energy plan of a journey, to 0.1 s; without a plan, InfeasibleError names a window."""
+    from das.offline.journey import JourneyPlanner  # which a timetable with a buffer does not need
+
     plan = JourneyPlanner(journey, route, vehicle, level=level).plan()
     return tuple(
         Timetable(

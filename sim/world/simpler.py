@@ -35,10 +35,11 @@ from das.solver.kernels.roll_out import fastest_roll_out
 from das.solver.kernels.tuples import LineArrays
 from das.solver.section import Section, with_braking
 from precompute.sheet import SectionSheet, SheetLine, section_sheet
-from sim.drivers.cab import AdviceView, Efforts
+from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import FOUR_MODES, SimplerLook
 from sim.plant.kernels import PlantState
+from sim.plant.plant import Efforts
 from sim.world.service import Day, Service
 from sim.world.surroundings import Calls
 

@@ -32,10 +32,10 @@ from sim.options import ReplayOptions, TripOptions
 from sim.recording.check import check_contents
 from sim.recording.course import minutes, spell
 from sim.recording.opening import open_contents
-from sim.review.report import page as page_module
-from sim.review.report.page import ReviewedDrive, page
-from sim.review.report.page import as_dict as report_dict
-from sim.review.report.tables import leg_rows
+from sim.review import page as page_module
+from sim.review.page import ReviewedDrive, page
+from sim.review.page import as_dict as report_dict
+from sim.review.tables import leg_rows
 from sim.runs.replay import ReplayJob, ReplayOutcome, _Feed, _journey, prepare
 from sim.runs.replay_figures import TripEnergies, figure_rows, result, trip_energies
 from sim.world.lockstep import Traffic

@@ -25,8 +25,8 @@ from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
 from sim.drivers.kinds import Presentation
 from sim.recording.course import known
-from sim.review.report.page import as_dict as report_dict
-from sim.review.report.page import subject_of
+from sim.review.page import as_dict as report_dict
+from sim.review.page import subject_of
 from sim.world.scenario import bundled_scenarios
 from tests.support.benchmark import shared_data, track_path, train_path
 from tests.support.flat_days import FLAT

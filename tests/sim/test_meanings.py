@@ -114,7 +114,7 @@ def test_what_the_cab_desk_draws_stands_out_by_wcag_aa(least: float, ground: str
     assert {name: ratio for name, ratio in faint.items() if ratio < least} == {}
 
 
-@pytest.mark.parametrize("folder", ["sim/review", "sim/review/report", "sim/trips", "precompute/cli"])
+@pytest.mark.parametrize("folder", ["sim/review", "sim/trips", "precompute/cli"])
 def test_no_picture_or_page_has_colours_of_its_own(folder: str) -> None:
     """All colours are in das/drawing, each once."""
     for path in (REPOSITORY / folder).iterdir():

@@ -12,7 +12,7 @@ from sim.drivers.cab import AdviceView, CabView, Driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import Command
 from sim.plant.plant import speed
-from sim.recording.inputs import DriveInputs
+from sim.recording.opening import DriveInputs
 from sim.world.driving import How, drive_kept
 from sim.world.loop import TRAIN, Run
 from sim.world.service import Day

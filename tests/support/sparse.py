@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from sim.drive.attribution import committed
+from sim.drive import attribution
 
 CUTS = 60
 """Number of times from which the optimum is computed (the program has one a second); each costs 5 ms."""
@@ -17,5 +17,5 @@ CUTS = 60
 def sparse_cuts() -> Iterator[None]:
     """Search for causes at few times of a drive; their energies still add up."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(committed, "MOST_CUTS", CUTS)
+        patched.setattr(attribution, "MOST_CUTS", CUTS)
         yield

@@ -12,14 +12,11 @@ from das.advice.reason import Reason
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.wording import Language
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, Asked, CabView, Efforts, asked
+from sim.drivers.cab import AdviceView
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO, Presenter, Shown, ShownRegime, SpeedIs, known_mode
-from sim.drivers.tracking import FOLLOWING, RULE, hold
-from sim.plant.kernels import Command, electric_effort
-from sim.plant.plant import COAST, force
 
 if TYPE_CHECKING:
-    from sim.drivers.knowledge import Outlook
+    from sim.drivers.tracking import GuideFollower
 
 
 class GuidePresenter(Presenter):
@@ -84,6 +81,8 @@ class GuidePresenter(Presenter):
         return f"{self.words_before_speed(number, language)} {speed}" if speed else self.mode_words(number, language)
 
     def follower(self) -> GuideFollower:
+        from sim.drivers.tracking import GuideFollower  # of drivers alone: a report on a recorded display needs none
+
         return GuideFollower()
 
 
@@ -111,52 +110,6 @@ def _departure(now: Any) -> Instruction:
     """The instruction for a train that the guide advises to depart; due as soon as the train is cleared."""
     mode = departure_regime(now.effort_ratio)
     return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
-
-
-class GuideFollower:
-    """A driver who obeys each instruction of the guide when due, and remembers the place where it became due."""
-
-    def __init__(self) -> None:
-        self._due: AdviceView | None = None
-        self._due_at_m = 0.0
-
-    def command(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for the change that is due now, or else for the instruction that became due last."""
-        if cab.time_s - view.time_s >= view.due_s - RULE.anticipation_s or self._due is None:
-            self._due, self._due_at_m = view, cab.s_m
-        after = self._accelerating(cab, view, outlook)
-        return after if after is not None else self._obeyed(cab, self._due, outlook)
-
-    def _accelerating(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command | None:
-        """The command for the next change if it is an acceleration that is due now, within the limit; else None."""
-        due_s = view.time_s + view.next_change_s - RULE.anticipation_s
-        if view.next_mode not in TRACTION or not cab.time_s >= due_s:
-            return None
-        most_n = view.next_effort_ratio * Efforts.at(cab.speed_mps, outlook.train).traction_n
-        return hold(cab, outlook, min(view.next_speed_mps, cab.limit_mps), high_n=most_n)
-
-    def _obeyed(self, cab: CabView, view: AdviceView, outlook: Outlook) -> Command:
-        v, target = cab.speed_mps, min(view.speed_mps, cab.limit_mps)
-        told = asked(view.mode, view.speed_mps, view.lever_ratio, v)
-        if told is Asked.COAST:
-            rolls = v <= cab.limit_mps + FOLLOWING.rolling_mps
-            return COAST if rolls else hold(cab, outlook, cab.limit_mps)
-        if told in (Asked.ACCELERATE, Asked.HOLD):
-            return hold(cab, outlook, target, high_n=max(view.force_n, 0.0) if view.mode in TRACTION else math.inf)
-        if told is Asked.KEEP_BELOW:
-            return hold(cab, outlook, target, high_n=0.0)
-        stops = view.speed_mps < FOLLOWING.creeping_mps
-        way_m = max(view.target_way_m - (cab.s_m - self._due_at_m), 1.0)
-        needed = outlook.braking_to_mps2(
-            cab.s_m, v, 0.0 if stops else view.speed_mps, cab.halt_m if stops else cab.s_m + way_m
-        )
-        braking_n = outlook.resisting_n(cab.s_m, v) - outlook.train.inertial_mass_kg * needed
-        if v <= FOLLOWING.creeping_mps:
-            return force(braking_n)
-        # At high speeds the motors brake less than a constant deceleration needs; the advised force allows for this.
-        eased_n = max(braking_n, min(view.force_n, 0.0))
-        motors_n = electric_effort(v, 1.0, outlook.train)
-        return force(max(eased_n, -motors_n) if -eased_n < FOLLOWING.motors_ratio * motors_n else eased_n)
 
 
 PRESENTER: Final = GuidePresenter()

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 EFFORT_STEP_RATIO: Final = 0.2
 """Step of the displayed effort, as a share of the controller's scale; drivers neither read nor set finer steps."""
+END_STOP_RATIO: Final = 0.99
+"""Share of the controller's scale above which an effort counts as the end of the scale, a mechanical stop."""
 
 
 FOUR_MODES: Final = {

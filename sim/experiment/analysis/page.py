@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-import sim.review.report
+import sim.review
 from das import __version__
 from das.drawing.colors import SEVERAL
 from sim.experiment.analysis.comparing import (
@@ -286,7 +286,7 @@ def page(found: StudyFindings, together: Together | None = None) -> str:
     """The page as HTML that needs no other file; with `together`, a section compares the drivers of two studies."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    style = Path(sim.review.report.__path__[0])  # all pages share their style
+    style = Path(sim.review.__path__[0])  # all pages share their style
     environment = Environment(
         loader=FileSystemLoader([Path(__file__).parent, style]),
         autoescape=True,
@@ -322,7 +322,7 @@ def _size(value: float) -> str:
 
 
 def _difference_images(found: StudyFindings) -> list[dict[str, str]]:
-    from sim.review.canvas import as_image
+    from sim.review.pictures import as_image
 
     images = []
     for shown in found.measures:
@@ -428,7 +428,7 @@ def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
 
 def differences_figure(found: Sequence[FoundDifference], alpha: float) -> Figure:
     """The planned differences of one measure: the mean with its 95 % interval, and a point for each driver."""
-    from sim.review.canvas import INK, light_figure, named
+    from sim.review.pictures import INK, light_figure, named
 
     shown = found[0].shown
     figure, (axis,) = light_figure((max(ROW_IN * len(found) + 0.3, 0.9),))

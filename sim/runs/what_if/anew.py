@@ -29,8 +29,7 @@ from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import DEFAULT, Participant, load_population, participant_of
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
-from sim.recording.inputs import put, sha256, vehicle_files
-from sim.recording.opening import OF, WHAT_IF
+from sim.recording.opening import OF, WHAT_IF, put, sha256, vehicle_files
 from sim.runs.reproduce import HeardAgain, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise

@@ -28,8 +28,7 @@ from sim.drive.comparison import SAME_ADVICE_MPS
 from sim.drive.events import place_text
 from sim.drive.table import DriveTable
 from sim.options import NodeSaid, WhatIfKind
-from sim.recording.inputs import sha256, vehicle_files
-from sim.recording.opening import NODE_ARGUMENTS, open_contents
+from sim.recording.opening import NODE_ARGUMENTS, open_contents, sha256, vehicle_files
 from sim.runs.reproduce import (
     BY_THE_WALL,
     COMPARED,

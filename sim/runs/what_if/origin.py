@@ -14,8 +14,7 @@ from das.bus.recording import Contents, RecordedMessage, Recording, recording_of
 from das.domain.errors import DasError
 from sim.drivers.kinds import as_now_called
 from sim.options import WhatIfKind
-from sim.recording.inputs import AttachedFiles, sha256
-from sim.recording.opening import CHANGED, NOTHING, OF, OF_SHA256, WHAT_IF, open_contents
+from sim.recording.opening import CHANGED, NOTHING, OF, OF_SHA256, WHAT_IF, AttachedFiles, open_contents, sha256
 from sim.runs.what_if.otherwise import KEPT, Otherwise
 
 

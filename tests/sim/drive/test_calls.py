@@ -45,7 +45,7 @@ def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
 
 def test_names_of_near_stops_are_in_two_rows_and_none_covers_another() -> None:
     pytest.importorskip("matplotlib")
-    from sim.review.canvas import LETTER_SHARE, NAMES_AT_POINTS, light_figure, name_stops
+    from sim.review.pictures import LETTER_SHARE, NAMES_AT_POINTS, light_figure, name_stops
 
     _, (axis,) = light_figure((1.0,))
     name_stops(axis, [(f"Station {i}", 0.02 * i) for i in range(51)])

@@ -14,7 +14,7 @@ from sim.drive.comparison import AlignedDrives, DriveOnTrack, as_csv, as_dict, o
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
-from sim.review.canvas import comparison_figure
+from sim.review.pictures import comparison_figure
 from tests.support.flat_days import flat_day
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 

@@ -124,6 +124,18 @@ def test_events_and_notes_do_without_the_solver() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_a_report_in_words_needs_neither_pictures_nor_the_train_model() -> None:
+    code = (
+        "import sys, sim.cli.review, sim.drive.comparison, sim.drive.energy, sim.review.first_page\n"
+        "from sim.drivers.presentations.presenter import Presentation, presenter_of\n"
+        "_ = [presenter_of(one) for one in Presentation]\n"
+        "unwanted = 'matplotlib', 'jinja2', 'sim.drive.notes', 'sim.drive.series', 'sim.plant', 'sim.review.page'\n"
+        "print([name for name in unwanted if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 def test_without_a_journey_nobody_knows_how_late_the_train_is() -> None:
     _, drive = driven()
     recording = drive.recording

@@ -23,7 +23,7 @@ from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, Filter
 from sim.drive.notes import Note, add_note
 from sim.recording.course import DriveClock, DrivenCourse, stands
-from sim.recording.inputs import inputs_of
+from sim.recording.opening import inputs_of
 from tests.support.hand_recorded import advice, cab, in_memory, told, truth
 from tests.support.making import das_sim, refusal
 from tests.support.recordings import at_ns, write_recording

@@ -9,7 +9,8 @@ from foxglove_schemas_protobuf.Event_pb2 import Event as FoxgloveEvent
 from mcap.reader import make_reader
 
 from das.domain.errors import DasError
-from sim.drive.notes import Note, add_note, notes_path, read_notes
+from sim.drive.notes import Note, add_note, read_notes
+from sim.recording.opening import notes_path
 from tests.support.recordings import at_ns
 
 

@@ -18,7 +18,7 @@ from sim.drive.limits import Violations
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
-from sim.review.report.tables import figures
+from sim.review.tables import figures
 from tests.support.crossing import few
 from tests.support.flat_days import flat_day
 from tests.support.hand_recorded import cab, recorded

@@ -17,12 +17,12 @@ from das.domain.units import KMH
 from docs.examples.weak_drivers import Attentive
 from sim.bundled.recorded_driver import RecordedDriver
 from sim.drive.instructions import InstructionWatch
-from sim.drivers.cab import AdviceView, Asked, CabView, Driver, Efforts, asked
+from sim.drivers.cab import AdviceView, Asked, CabView, Driver, asked
 from sim.drivers.drivers import LiteralDriver, PerfectDriver, make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import FORCE, LEVER, Command, demanded
-from sim.plant.plant import Plant
+from sim.plant.plant import Efforts, Plant
 from tests.support.making import make_route
 
 TRAIN = load_vehicle("re460-ic")

@@ -31,7 +31,7 @@ from das.solver.section import build_section
 from das.solver.solution import Solution
 from das.solver.solve import solve_front
 from sim.cli.listing import DRIVERS
-from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, lever_ratio
+from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent
 from sim.drivers.drivers import make_driver
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, Presentation
@@ -39,7 +39,7 @@ from sim.drivers.knowledge import Foresight, Habit, LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import SimplerLook, present
 from sim.plant.kernels import LEVER, Command, PlantState
-from sim.plant.plant import Plant
+from sim.plant.plant import Plant, lever_ratio
 from tests.support.making import REPOSITORY, flat, in_a_process, make_route, make_train
 from tests.support.one_section import OneSection
 from tests.support.ride import Advise, Leg, Ride, advised_by, ride, shown

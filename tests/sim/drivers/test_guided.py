@@ -14,7 +14,7 @@ from das.advice.regimes import Regime
 from das.advice.shown import as_read
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
-from sim.drivers.cab import AdviceView, CabView, Driver, Efforts
+from sim.drivers.cab import AdviceView, CabView, Driver
 from sim.drivers.drivers import PerfectDriver
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
@@ -22,7 +22,7 @@ from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Shown, SimplerLook, present, presenter_of
 from sim.plant.kernels import electric_effort
-from sim.plant.plant import COAST
+from sim.plant.plant import COAST, Efforts
 
 LINE = LineKnowledge(route=load_route("flat-6km"), vehicle=load_vehicle("re460-ic"))
 QUICK = HumanParameters(

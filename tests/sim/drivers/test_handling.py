@@ -9,7 +9,7 @@ import pytest
 
 from das.advice.regimes import Regime
 from sim.drivers.cab import AdviceView, Diary
-from sim.drivers.handling import HAND, Hand, SpeedHold
+from sim.drivers.handling import WAITS_S, Hand, SpeedHold
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import FrictionPolicy, Presentation
 from sim.drivers.parameters import HumanParameters
@@ -187,7 +187,7 @@ class Moved:
 def test_a_small_change_waits_for_the_effect_of_the_one_before() -> None:
     moved = Moved()
     assert moved.ask(0.2, 1.0) == pytest.approx(0.2)
-    assert moved.ask(0.1, HAND.waits_s - 1.0) == pytest.approx(0.2)
+    assert moved.ask(0.1, WAITS_S - 1.0) == pytest.approx(0.2)
     assert moved.ask(0.1, 2.0) == pytest.approx(0.1)
 
 
@@ -205,7 +205,7 @@ def test_effort_that_has_lasted_is_given_up_at_once() -> None:
     """A brake of two settings, 5 s in all: the second one has just been made."""
     moved = Moved()
     assert moved.ask(-0.1, 1.0) == pytest.approx(-0.1)
-    moved.ask(-0.2, HAND.waits_s + 0.4)
+    moved.ask(-0.2, WAITS_S + 0.4)
     assert moved.hand.setting == pytest.approx(-0.2)
     assert moved.ask(0.0, 1.0) == pytest.approx(0.0)
 

@@ -13,9 +13,8 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.drivers.kinds import EXTERNAL, DriverKind, OwnClass, named_driver
-from sim.drivers.own_class import checked
 from sim.plant.kernels import Command
-from sim.plant.plant import force, lever, speed
+from sim.plant.plant import checked, force, lever, speed
 from tests.support.flat_days import FLAT
 from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 

@@ -22,8 +22,9 @@ from das.bus.recording import read_recording
 from das.bus.topics import LOCATION, LOG, TOPICS, topic_of
 from das.command_line.options import DEFAULT_TRAIN
 from sim.drive.notes import TOPIC as NOTES
-from sim.drive.notes import Note, add_note, notes_path
+from sim.drive.notes import Note, add_note
 from sim.meanings import LIGHT
+from sim.recording.opening import notes_path
 from tests.support.recordings import at_ns, write_recording
 
 ROOT = Path(__file__).parents[3]

@@ -19,11 +19,10 @@ from das.domain.route import Altitudes
 from sim.drive.drive import Drive
 from sim.drive.series import QUANTITIES, series
 from sim.drive.table import DriveTable
-from sim.recording.inputs import DriveInputs
-from sim.recording.opening import open_recording
+from sim.recording.opening import DriveInputs, open_recording
 from sim.review import view
-from sim.review.report.tables import line_rows
 from sim.review.scene import ROUTINE, ReviewScene
+from sim.review.tables import line_rows
 from tests.support.hand_recorded import day, in_memory, logged, truth
 from tests.support.recordings import SECONDS, at_ns, publish_before, write_recording
 

@@ -14,7 +14,7 @@ from das.bus import das_pb2, topics
 from das.bus.recording import Recording
 from das.domain.units import KMH, kwh
 from das.drawing.colors import MODES
-from sim.drive.attribution.causes import EnergyCause
+from sim.drive.causes import EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import NOT_HEARD, points
 from sim.drive.limits import signals

@@ -15,7 +15,7 @@ from sim.drive.drive import Drive
 from sim.drive.series import series
 from sim.drive.table import DriveTable
 from sim.recording.course import part_of
-from sim.recording.inputs import inputs_of
+from sim.recording.opening import inputs_of
 from sim.review.scene import ReviewScene
 from tests.support.hand_recorded import advice, cab, recorded
 from tests.support.recordings import at_ns

@@ -24,15 +24,15 @@ from das.domain.vehicle import Resistance, Vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.cli.trips import bundled_recording
-from sim.drive.attribution.driven_legs import EQUAL_MPS, fast_enough
 from sim.drive.drive import Drive
 from sim.drive.events import EventKind
+from sim.drive.legs import EQUAL_MPS, fast_enough
 from sim.drive.series import driven as series
 from sim.options import ReplayOptions, TripOptions
 from sim.recording.course import OWN_TIMETABLE
-from sim.recording.inputs import DriveInputs
-from sim.review.report.first_page import LESS_THAN_BEST, how_sure, page_dict
-from sim.review.report.tables import stop_rows
+from sim.recording.opening import DriveInputs
+from sim.review.first_page import LESS_THAN_BEST, how_sure, page_dict
+from sim.review.tables import stop_rows
 from sim.runs.replay import (
     ReplayJob,
     _Feed,

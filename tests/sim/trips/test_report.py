@@ -22,7 +22,7 @@ from das.solver.front import Front
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solve import solve_front
 from sim.cli import trips as trip_command
-from sim.drive.attribution.driven_legs import ComparedLeg, DrivenLeg, LikelyRange, likely_range
+from sim.drive.legs import ComparedLeg, DrivenLeg, LikelyRange, likely_range
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import ReplayOptions, TripOptions
 from sim.runs import replay_figures as replay_report

@@ -21,13 +21,13 @@ from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from sim.cli.trips import bundled_recording
-from sim.drive.attribution.causes import ShownAdvice
+from sim.drive.causes import ShownAdvice
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.options import NodeSaid
 from sim.recording.check import check_file
-from sim.recording.inputs import inputs_of, sha256
+from sim.recording.opening import inputs_of, sha256
 from sim.runs.reproduce import reproduce
 from sim.runs.what_if.anew import _on_the_day, attached_scenario, day_again, drive_again, scenario_of_drive
 from sim.runs.what_if.open_loop import advice_apart, advise_otherwise

@@ -13,14 +13,14 @@ from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.plausibility import energy_range
 from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
-from sim.drive.attribution.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
-from sim.drive.attribution.causes import APART_MPS, EnergyCause
+from sim.drive.attribution import OTHER_TRAIN, Attribution, seconds_by_cause
 from sim.drive.calls import PASSINGS, KeptPassing, keep, recorded_passings
+from sim.drive.causes import APART_MPS, EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text, times_text
+from sim.drive.events import DriveEvent, EventKind, Filter, bookmarks, place_text
 from sim.drive.table import HOLDS_S
-from sim.recording.course import minutes, spell
-from sim.review.report.findings import friction_chosen_by, told_causes
+from sim.recording.course import minutes, spell, times_text
+from sim.review.first_page import friction_chosen_by, told_causes
 
 TOLD: Final = tuple(
     kind for kind in EventKind if kind not in (EventKind.ADVICE, EventKind.REPLAN, EventKind.LOG, EventKind.DRIVER)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.drive.attribution.driven_legs import DrivenMotion, open_calls
 from sim.drive.calls import KeptCall
+from sim.drive.legs import DrivenMotion, open_calls
 from tests.support.making import flat, make_train
 from tests.support.recordings import at_ns
 

@@ -19,8 +19,9 @@ from das.bus.recording import Contents, Recording
 from das.domain.errors import DasError
 from das.domain.units import KM
 from precompute.pdf import write_pdf
-from sim.drive.attribution.attribution import OTHER_TRAIN
-from sim.drive.attribution.causes import EnergyCause
+from sim.drive.attribution import OTHER_TRAIN
+from sim.drive.causes import EnergyCause
+from sim.drive.comparison import compared
 from sim.drive.drive import Drive
 from sim.drive.energy import DriveEnergy
 from sim.drive.events import DriveEvent, EventKind
@@ -30,11 +31,11 @@ from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver
 from sim.options import ReplayOptions
 from sim.recording.check import check_contents, check_file
-from sim.review.report import page as page_module
-from sim.review.report import tables
-from sim.review.report.figures import SPEEDS, drive_figure
-from sim.review.report.first_page import in_lines, title, where_time_went
-from sim.review.report.page import ReviewedDrive, as_dict, compared, page, subject_of
+from sim.review import page as page_module
+from sim.review import tables
+from sim.review.first_page import in_lines, title, where_time_went
+from sim.review.page import ReviewedDrive, as_dict, page, subject_of
+from sim.review.pictures import SPEEDS, drive_figure
 from sim.review.scene import ReviewScene
 from sim.runs.replay import ReplayOutcome, prepare
 from sim.runs.replay_figures import figure_rows, result, trip_energies
@@ -44,7 +45,7 @@ from tests.support.making import das_sim, refusal
 from tests.support.recorded_days import DrivesFaster, inputs_of_day, recorded_day
 from tests.support.recordings import at_ns, write_recording
 
-RECORDINGS = Path(__file__).parents[4] / "recordings"
+RECORDINGS = Path(__file__).parents[3] / "recordings"
 BUNDLED = RECORDINGS / "zurich-zug-late.mcap"
 
 
@@ -300,7 +301,7 @@ def test_a_recording_that_was_cut_off_is_said_to_be_with_the_health_that_the_che
 def test_drives_of_other_lines_are_not_compared_and_it_is_said(tmp_path: Path) -> None:
     paths = [write_recording(tmp_path / f"{name}.mcap", seconds=120) for name in "ab"]
     subjects = [subject_of(path) for path in paths]
-    aligned, why_not = compared(subjects)
+    aligned, why_not = compared([one.drive for one in subjects])
     assert aligned is None
     assert "The drives are not compared" in page(subjects, aligned, why_not)
     assert as_dict(subjects, aligned, why_not)["not_compared"] == why_not

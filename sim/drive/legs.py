@@ -28,7 +28,7 @@ from sim.drive.above_optimum import NO_PART, NOT_COMPARABLE, NOT_WHOLE, SectionE
 from sim.drive.calls import KeptCall, calls_on_the_way
 from sim.drive.table import DriveTable
 from sim.recording.course import STANDING_MPS, DrivenCourse, Floats, Times
-from sim.recording.inputs import DriveInputs
+from sim.recording.opening import DriveInputs
 from sim.trips.estimate import (
     BRAKING,
     CHOICE_OVERSPEED_RATIO,

@@ -6,8 +6,8 @@ import pytest
 
 from das.domain.restriction import Restriction
 from sim.drive.limits import Signal, TemporaryLimit
-from sim.review.report.findings import findings
-from tests.sim.review.report.test_report import fast, other
+from sim.review.first_page import findings
+from tests.sim.review.test_report import fast, other
 
 
 @pytest.mark.parametrize("hindrance", ["none", "signal", "restriction"])

@@ -7,7 +7,7 @@ from das.bus.recording import Recording
 from das.bus.restrictions import encode_restriction
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
-from sim.drive.attribution.committed import Epoch, epochs_of
+from sim.drive.attribution import Epoch, epochs_of
 from sim.drive.table import DriveTable
 from tests.support.hand_recorded import in_memory
 from tests.support.recordings import at_ns

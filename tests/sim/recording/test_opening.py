@@ -11,7 +11,7 @@ from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue, load_route, load_vehicle
 from das.domain.levels import Level
-from sim.recording.inputs import AttachedFiles, vehicle_files
+from sim.recording.opening import AttachedFiles, vehicle_files
 from tests.sim.world.test_drawn import write_map
 from tests.support.recordings import with_run, write_recording
 

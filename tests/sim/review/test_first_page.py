@@ -19,25 +19,29 @@ from das.domain.errors import DasError
 from das.domain.units import KM, KMH
 from precompute.pdf import BROWSERS, write_pdf
 from sim.drive.above_optimum import energy_words
-from sim.drive.attribution.attribution import worst_stretches
-from sim.drive.attribution.causes import BY_SPEED, EnergyCause
+from sim.drive.attribution import worst_stretches
+from sim.drive.causes import BY_SPEED, EnergyCause
 from sim.drive.drive import Drive
 from sim.drive.events import DriveEvent, EventKind, lateness_text
 from sim.drive.limits import Signal, signals_passed
 from sim.drivers.drivers import PerfectDriver
 from sim.recording.course import OWN_TIMETABLE
-from sim.review.canvas import as_image
-from sim.review.report.figures import first_figure
-from sim.review.report.findings import GAINED, NAMED_KWH, SAFER, DriveFinding, FoundPlace, findings
-from sim.review.report.first_page import (
+from sim.review.first_page import (
+    GAINED,
+    NAMED_KWH,
+    SAFER,
+    DriveFinding,
+    FoundPlace,
+    findings,
     first_page_dict,
     how_sure,
     page_figures,
     what_happened,
 )
-from sim.review.report.page import ReviewedDrive, as_dict, subject_of
+from sim.review.page import ReviewedDrive, as_dict, subject_of
+from sim.review.pictures import as_image, first_figure
 from sim.review.scene import ReviewScene
-from tests.sim.review.report.test_report import BUNDLED, RECORDINGS, at_danger, fast, other, page_of_words
+from tests.sim.review.test_report import BUNDLED, RECORDINGS, at_danger, fast, other, page_of_words
 from tests.support.flat_days import flat_day
 from tests.support.making import das_sim
 from tests.support.recorded_days import inputs_of_day, recorded_day
@@ -332,9 +336,9 @@ PART = "km 12.3 at 98 km/h to km 45.6 at 98 km/h"
 def crowded() -> str:
     """The page with findings and names as long as they get."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("sim.review.report.first_page.findings", lambda drive: (LONG,) * 3)
+        patched.setattr("sim.review.first_page.findings", lambda drive: (LONG,) * 3)
         patched.setattr(
-            "sim.review.report.tables.input_rows",
+            "sim.review.tables.input_rows",
             lambda drive: [(LONG_NAME, "km 12.3 at 98 km/h to km 45.6 at 98 km/h")] * 20,
         )
         picture = as_image(first_figure(ReviewScene.of(fast().drive), findings(fast().drive)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from das.advice.regimes import Regime
-from sim.drive.attribution.causes import EnergyCause, Judge, Moment, Seen
+from sim.drive.causes import EnergyCause, Judge, Moment, Seen
 
 
 def departing(mode: Regime) -> EnergyCause:

@@ -11,22 +11,19 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from das import __version__
 from das.bus.recording import recording_of
-from das.domain.errors import DasError
 from das.domain.units import kwh, kwh_figure
-from sim.drive.attribution.attribution import as_dict as energy_dict
+from sim.drive.attribution import as_dict as energy_dict
 from sim.drive.calls import as_rows as stops_as_rows
 from sim.drive.calls import passings_as_rows
-from sim.drive.comparison import AlignedDrives, drives_on_track, sentences
+from sim.drive.comparison import AlignedDrives, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
 from sim.drive.events import as_rows, place_text
 from sim.meanings import LIGHT
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
-from sim.review.canvas import as_image, comparison_figure
-from sim.review.report import figures, tables
-from sim.review.report.findings import findings
-from sim.review.report.first_page import first_page_dict, in_lines, page_dict, title, where_time_went
+from sim.review import pictures, tables
+from sim.review.first_page import findings, first_page_dict, in_lines, page_dict, title, where_time_went
 from sim.review.scene import ReviewScene
 
 TEMPLATE: Final = "page.html.j2"
@@ -44,16 +41,6 @@ def subject_of(path: Path) -> ReviewedDrive:
     contents = open_contents(path)
     drive = Drive(recording=recording_of(contents))
     return ReviewedDrive(drive, check_contents(contents, drive.recording))
-
-
-def compared(subjects: Sequence[ReviewedDrive]) -> tuple[AlignedDrives | None, str]:
-    """Several drives aligned by position, or None and the reason why they cannot be; None for a single drive."""
-    if len(subjects) < 2:
-        return None, ""
-    try:
-        return AlignedDrives.of(drives_on_track([subject.drive for subject in subjects])), ""
-    except DasError as error:
-        return None, str(error)
 
 
 def page(subjects: Sequence[ReviewedDrive], aligned: AlignedDrives | None, not_compared: str) -> str:
@@ -102,18 +89,18 @@ def _drive(subject: ReviewedDrive) -> dict[str, Any]:
 def _images(drive: Drive) -> dict[str, str]:
     scene, known = ReviewScene.of(drive), drive.energy.attribution is not None
     made = {
-        "first": figures.first_figure(scene, findings(drive)),
-        "speed": figures.drive_figure(scene),
-        "places": figures.place_figure(scene) if known else None,
+        "first": pictures.first_figure(scene, findings(drive)),
+        "speed": pictures.drive_figure(scene),
+        "places": pictures.place_figure(scene) if known else None,
     }
-    return {name: "" if figure is None else as_image(figure) for name, figure in made.items()}
+    return {name: "" if figure is None else pictures.as_image(figure) for name, figure in made.items()}
 
 
 def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
     others = range(1, len(aligned.drives))
     return {
         "sentences": [line for index in others for line in sentences(aligned, index)],
-        "image": as_image(comparison_figure(aligned)),
+        "image": pictures.as_image(pictures.comparison_figure(aligned)),
         "tables": [
             {
                 "label": aligned.drives[index].label,

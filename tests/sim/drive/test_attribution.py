@@ -17,8 +17,8 @@ from das.domain.units import kwh
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum, why_not_comparable
-from sim.drive.attribution.attribution import Attribution, as_dict, doing
-from sim.drive.attribution.causes import LABELS, MEANINGS, EnergyCause
+from sim.drive.attribution import Attribution, as_dict, doing
+from sim.drive.causes import LABELS, MEANINGS, EnergyCause
 from sim.drive.drive import Drive
 from sim.drivers.cab import Driver
 from sim.drivers.drivers import PerfectDriver

@@ -8,8 +8,8 @@ import pytest
 from das.bus import das_pb2
 from das.bus.recording import Recording
 from das.bus.topics import EFFORT, POSITION
-from sim.drive.attribution.driven_legs import _friction_j
 from sim.drive.drive import Drive
+from sim.drive.legs import _friction_j
 from sim.drive.series import series
 from sim.drive.table import DriveTable
 from sim.drivers.drivers import PerfectDriver

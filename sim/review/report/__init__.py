@@ -1,1 +1,0 @@
-"""A report about a recorded drive: one page for an instructor, then figures, pictures and events."""
