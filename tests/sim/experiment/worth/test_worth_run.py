@@ -1,0 +1,126 @@
+"""Worth studies that are driven: the five steps of driven trials, a second run, own scenarios, and the interval's
+coverage."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sim.experiment.analysis.comparing import read_study
+from sim.experiment.one_line import mean_interval
+from sim.experiment.worth.inputs import load_worth
+from sim.experiment.worth.page import findings
+from sim.experiment.worth.steps import CLAIMS, by_case, saved_kwh
+from tests.sim.experiment.worth.support import DESIGN, own_steps
+from tests.support.making import das_sim, das_sim_json, refusal
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("worth")
+    (folder / "short.toml").write_text(DESIGN.replace("drivers = 4", "drivers = 3"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def driven(place: Path) -> Path:
+    """The folder of a whole run with three drivers."""
+    das_sim_json("worth", "short.toml", "-o", "whole", "--workers", "1", cwd=place)
+    return place / "whole"
+
+
+def test_driven_trials_give_the_steps_of_an_own_analysis(place: Path, driven: Path) -> None:
+    worth = load_worth(str(place / "short.toml"))
+    steps = findings(worth, driven).steps
+    for own, step in zip(own_steps(driven, worth.values), steps, strict=True):
+        assert step.saved_kwh == pytest.approx(own["saved_kwh"], rel=1e-9)
+        assert step.interval_kwh == pytest.approx(own["interval_kwh"], rel=1e-9, abs=1e-9)
+    optimum, obedient, _, _, in_time = (step.saved_kwh for step in steps)
+    assert optimum > obedient > 0
+    assert obedient > in_time
+    assert steps[0].before.late_s < 0
+
+
+def test_a_second_run_drives_nothing_and_new_prices_are_read(place: Path, driven: Path) -> None:
+    before = (driven / "trials.csv").read_bytes()
+    text = (place / "short.toml").read_text().replace("value = 0.2", "value = 0.3")
+    (place / "dear.toml").write_text(text)
+    told = das_sim_json("worth", "dear.toml", "-o", "whole", cwd=place)
+    assert told["inputs"]["price_eur_per_kwh"]["value"] == 0.3
+    assert (driven / "trials.csv").read_bytes() == before
+    assert (driven / "finished.jsonl").read_text().count("\n") == 3 * 8
+    assert (driven / "design.toml").read_text() == text
+
+
+def test_another_study_is_refused_in_the_folder(place: Path, driven: Path) -> None:
+    said = refusal("worth", "short.toml", "--seeds", "5", "-o", "whole", cwd=place)
+    assert "holds the frozen design" in said
+    assert driven.is_dir()
+
+
+@pytest.mark.nightly
+def test_a_folder_is_a_study_that_can_be_analysed(place: Path, driven: Path) -> None:
+    done = das_sim("experiment", "analyse", driven.name, "-o", "page.html", cwd=place)
+    assert done.returncode == 0, done.stderr
+    assert "No comparison was planned" in done.stdout
+
+
+@pytest.mark.nightly
+def test_a_newcomers_own_line_gives_an_answer(tmp_path: Path) -> None:
+    """The example files, as the page says: late departures and a restriction are part of the scenario."""
+    assert das_sim("example", "my-line", cwd=tmp_path).returncode == 0
+    (tmp_path / "mine.toml").write_text(
+        'schema_version = 1\n[worth]\nname = "mine"\ntitle = "Mine"\nscenario = "my-line/scenario.toml"\n'
+        + "[inputs]\n"
+        + "".join(
+            f"{name} = {{value = 0.5}}\n" for name in ("haste_ratio", "electric_brake_ratio", "receptivity_ratio")
+        )
+    )
+    done = das_sim("worth", "mine.toml", "--seeds", "3", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "worth-mine" / "worth.md").is_file()
+    assert "technical optimum" in done.stdout
+
+
+@pytest.mark.nightly
+def test_the_interval_holds_the_truth_of_a_large_pool_in_36_of_40_draws(tmp_path: Path) -> None:
+    """Twenty draws of 12 from 160 drivers, for steps 4 and 5: the mean of the pool is the truth.
+
+    Over 2000 draws, Student's t holds it about as often as stated, and a percentile bootstrap less often.
+    """
+    (tmp_path / "pool.toml").write_text(
+        DESIGN.replace("drivers = 4", "drivers = 160").replace("value = 0.6, high = 1.0", "value = 0.6")
+    )
+    das_sim_json("worth", "pool.toml", "-o", "pool", cwd=tmp_path)
+    found = covered(tmp_path / "pool")
+    print(found)
+    assert found["draws of 40"] >= 36
+    assert found["t"] >= 0.93
+    assert found["bootstrap"] < found["t"]
+
+
+def covered(folder: Path, drawn: int = 12) -> dict[str, float]:
+    """The draws of 40 whose interval holds the pool's mean, and shares of many draws with t and with a bootstrap."""
+    measured, random = by_case(read_study(folder)), np.random.default_rng(60)
+    held, t, bootstrap = 0, [], []
+    for claim in CLAIMS[3:]:
+        pool = saved_kwh(claim, measured)
+        pool = pool[np.isfinite(pool)]
+        for number in range(1000):
+            sample = random.choice(pool, drawn)
+            inside = abs(sample.mean() - pool.mean()) <= mean_interval(sample)
+            held += number < 20 and inside
+            t.append(inside)
+            if number < 300:
+                means = random.choice(sample, (400, drawn)).mean(axis=1)
+                low, high = np.quantile(means, [0.025, 0.975])
+                bootstrap.append(low <= pool.mean() <= high)
+        assert mean_interval(sample) == pytest.approx(
+            stats.t.ppf(0.975, drawn - 1) * sample.std(ddof=1) / np.sqrt(drawn), rel=1e-9
+        )
+    return {"draws of 40": held, "t": float(np.mean(t)), "bootstrap": float(np.mean(bootstrap))}
