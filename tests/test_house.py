@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(27_350, 140),
     "precompute": Budget(10_600, 47),
-    "sim": Budget(35_170, 149),
+    "sim": Budget(35_990, 155),
     "docs/studies": Budget(5_980, 36),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

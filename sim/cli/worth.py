@@ -9,23 +9,27 @@ from typing import Annotated
 
 import typer
 
-from das.command_line.application import refuse_given
 from das.command_line.options import JsonOption, OutFolderOption
-from das.command_line.printing import busy, loading_solver, new_table, print_table, tell
+from das.command_line.printing import busy, loading_solver
 from precompute.workers import Workers
 from sim.cli.experiment import RecordingsOption, SchedulerOption
 from sim.cli.options import WorkersOption, check_packages, tell_written
 
+ScenarioOption = Annotated[
+    str | None,
+    typer.Option(
+        "--scenario",
+        metavar="SCENARIO",
+        help="Line, train and timetable instead of the design's: a file, as das-sim example writes, or a bundled name.",
+    ),
+]
+
 
 def worth(
     design: Annotated[
-        str | None, typer.Argument(metavar="[DESIGN]", help="Bundled worth design, or TOML file [default: list them].")
-    ] = None,
-    scenario: Annotated[
-        str | None,
-        typer.Option(metavar="SCENARIO", help="Line, train and timetable to use instead of the design's: a file, which "
-                     "das-sim example writes, or a bundled scenario."),
-    ] = None,
+        str, typer.Argument(metavar="DESIGN", help="Bundled design (intercity, suburban, freight), or TOML file.")
+    ],
+    scenario: ScenarioOption = None,
     seeds: Annotated[
         int | None, typer.Option(metavar="N", min=3, max=10_000, help="Number of drivers drawn [default: as designed].")
     ] = None,
@@ -34,16 +38,12 @@ def worth(
     scheduler: SchedulerOption = None,
     recordings: RecordingsOption = False,
     as_json: JsonOption = False,
-) -> None:  # fmt: skip
+) -> None:
     """Estimate what advice would save a fleet: energy, money and CO₂ a year, in five steps from the optimum to people.
 
     The folder (default: worth-NAME) is that of a study, with trials.csv, and holds worth.md, worth.json and
     tornado.svg. A stopped command goes on; new prices, or other inputs that only scale, need no new trials.
     """
-    if design is None:
-        refuse_given("needs a design", "--scenario", "--seeds", "--out", "--workers", "--scheduler", "--recordings")
-        _list(as_json=as_json)
-        return
     check_packages("experiment", "matplotlib")
     hands = Workers.asked(workers, scheduler)
     with loading_solver():
@@ -65,19 +65,3 @@ def worth(
     if failed:
         print(f"{len(failed)} trials failed: see {folder / FAILED_TABLE}", file=sys.stderr)
         raise typer.Exit(1)
-
-
-def _list(*, as_json: bool) -> None:
-    """Print the bundled designs."""
-    from sim.experiment.worth.inputs import bundled_designs, load_worth
-
-    found = {name: load_worth(str(path)).title for name, path in bundled_designs().items()}
-    folder = next(iter(bundled_designs().values())).parent
-    if as_json:
-        print(json.dumps({"designs": found, "folder": str(folder)}))
-        return
-    table = new_table("bundled worth designs", ("fleet",), whole=("design",))
-    for name, title in found.items():
-        table.add_row(name, title)
-    print_table(table)
-    tell(f"their files, to copy and change: {folder}")

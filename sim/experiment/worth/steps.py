@@ -46,38 +46,17 @@ class Claim(NamedTuple):
 
 
 CLAIMS: Final = (
-    Claim(
-        "technical optimum",
-        "least energy at the timetable's times, against a driver who goes all-out within the limits and waits at "
-        "stops; no driver reaches it",
-        *(cases.ALL_OUT, SOLVED),
-    ),
-    Claim(
-        "obedient driver",
-        "a driver who follows the guide exactly, against the all-out driver",
-        *(cases.ALL_OUT, cases.OBEDIENT),
-    ),
-    Claim(
-        "people",
-        "people with the guide, who brake with the motors while they follow it, against the same people as they drive "
-        "today; trains whose driver does not follow save nothing",
-        *(TODAY, TODAY + GUIDED),
-        shared=True,
-    ),
-    Claim(
-        "equal arrival",
-        "the same trains, without the energy saved only by arriving later (or lost by arriving earlier)",
-        *(TODAY, TODAY + GUIDED, EQUAL),
-        shared=True,
-    ),
-    Claim(
-        "equal brakes, in time",
-        "the same comparison if people already use all of the timetable's time and brake with the motors first: what "
-        "only advice can save",
-        *(IN_TIME, IN_TIME + GUIDED, EQUAL),
-        shared=True,
-    ),
-)
+    Claim("technical optimum", "least energy at the timetable's times, against a driver who goes all-out within the "
+          "limits and waits at stops; no driver reaches it", cases.ALL_OUT, SOLVED),
+    Claim("obedient driver", "a driver who follows the guide exactly, against the all-out driver",
+          cases.ALL_OUT, cases.OBEDIENT),
+    Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
+          "as they drive today; trains whose driver does not follow save nothing", TODAY, TODAY + GUIDED, shared=True),
+    Claim("equal arrival", "the same trains, without the energy saved only by arriving later (or lost by arriving "
+          "earlier)", TODAY, TODAY + GUIDED, EQUAL, shared=True),
+    Claim("equal brakes, in time", "the same comparison if people already use all of the timetable's time and brake "
+          "with the motors first: what only advice can save", IN_TIME, IN_TIME + GUIDED, EQUAL, shared=True),
+)  # fmt: skip
 """The claims of the five steps, in their order."""
 
 

@@ -12,7 +12,7 @@ from sim.experiment.trials import trials_of
 from sim.experiment.worth.inputs import BUFFER, INPUTS, Input, bundled_designs, load_worth
 from sim.experiment.worth.study import ends_of, study_of
 from tests.sim.experiment.worth.support import DESIGN
-from tests.support.making import das_sim, das_sim_json, refusal
+from tests.support.making import refusal
 
 SCENARIO = """
 schema_version = 1
@@ -144,18 +144,9 @@ def test_a_number_alone_is_an_input_that_is_not_varied(tmp_path: Path) -> None:
     assert inputs["trains_per_day"] == Input(value=10.0, low=10.0, high=12.0, source="short.toml")
 
 
-def test_without_a_design_the_bundled_ones_are_listed_with_their_folder(tmp_path: Path) -> None:
-    told = das_sim_json("worth", cwd=tmp_path)
-    assert set(told["designs"]) == set(bundled_designs())
-    done = das_sim("worth", cwd=tmp_path)
-    assert done.stdout.strip().endswith(told["folder"])
-    assert all(name in done.stdout for name in told["designs"])
-
-
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("--seeds", "5"), "--seeds 5: needs a design"),
         (("intercyti",), "intercyti: not a bundled worth design (freight, intercity, suburban) and not a .toml file"),
         (("intercity", "--scenario", "clear-dya"), "--scenario: clear-dya: not a bundled scenario"),
         (("intercity", "--workers", "2", "--scheduler", "tcp://a:1"), "give either --workers or --scheduler"),
