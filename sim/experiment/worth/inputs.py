@@ -23,7 +23,7 @@ from sim.world.scenario import Scenario
 SCHEMA_VERSION: Final = 1
 DRIVERS: Final = (3, 10_000)
 """Fewest drivers, whose mean has an interval, and most."""
-USUAL_DRIVERS: Final = 12
+USUAL_DRIVERS: Final = 8
 DEFAULTS: Final = Path(__file__).parent / "defaults.toml"
 """The file of the inputs' default values, ranges and sources."""
 

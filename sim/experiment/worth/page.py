@@ -20,7 +20,7 @@ from sim.review.canvas import INK, TEXT_POINTS, light_figure, named
 PAGE, FIGURES, TORNADO = "worth.md", "worth.json", "tornado.svg"
 """Files written into the study's folder in addition to those of every study."""
 HEADS: Final = ("step", "kWh a train", "%", "late, s", "≤ 0 s, %", "≤ 60 s, %")
-YEAR_HEADS: Final = ("a year", "MWh", "EUR", "t CO₂")
+YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
 LEGEND: Final = {
     "kWh a train": "energy saved, with the 95 % interval from the drawn drivers",
     "%": "of the least energy at the timetable's times",
@@ -87,7 +87,7 @@ class WorthFindings:
         """The cells of each step's amounts of a year with their ranges, under `YEAR_HEADS`."""
         found = []
         for name, one in self.numbered:
-            amounts = ((factor, one.year[unit]) for unit, factor in (("kwh", 1e-3), ("eur", 1.0), ("co2_t", 1.0)))
+            amounts = ((factor, one.year[unit]) for unit, factor in (("kwh", 1e-3), ("eur", 1e-3), ("co2_t", 1.0)))
             texts = ([short(factor * each) for each in (x.value, x.low, x.high)] for factor, x in amounts)
             found.append([name.split()[0], *(f"{value} ({low} to {high})" for value, low, high in texts)])
         return found

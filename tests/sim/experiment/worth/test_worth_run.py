@@ -1,19 +1,13 @@
-"""Worth studies that are driven: the five steps of driven trials, a second run, own scenarios, and the interval's
-coverage."""
+"""Worth studies that are driven: the five steps of driven trials, a second run, and own scenarios."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from scipy import stats
 
-from sim.experiment.analysis.comparing import read_study
-from sim.experiment.one_line import mean_interval
 from sim.experiment.worth.inputs import load_worth
 from sim.experiment.worth.page import findings
-from sim.experiment.worth.steps import CLAIMS, by_case, saved_kwh
 from tests.sim.experiment.worth.support import DESIGN, own_steps
 from tests.support.making import das_sim, das_sim_json, refusal
 
@@ -85,42 +79,3 @@ def test_a_newcomers_own_line_gives_an_answer(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "worth-mine" / "worth.md").is_file()
     assert "technical optimum" in done.stdout
-
-
-@pytest.mark.nightly
-def test_the_interval_holds_the_truth_of_a_large_pool_in_36_of_40_draws(tmp_path: Path) -> None:
-    """Twenty draws of 12 from 160 drivers, for steps 4 and 5: the mean of the pool is the truth.
-
-    Over 2000 draws, Student's t holds it about as often as stated, and a percentile bootstrap less often.
-    """
-    (tmp_path / "pool.toml").write_text(
-        DESIGN.replace("drivers = 4", "drivers = 160").replace("value = 0.6, high = 1.0", "value = 0.6")
-    )
-    das_sim_json("worth", "pool.toml", "-o", "pool", cwd=tmp_path)
-    found = covered(tmp_path / "pool")
-    print(found)
-    assert found["draws of 40"] >= 36
-    assert found["t"] >= 0.93
-    assert found["bootstrap"] < found["t"]
-
-
-def covered(folder: Path, drawn: int = 12) -> dict[str, float]:
-    """The draws of 40 whose interval holds the pool's mean, and shares of many draws with t and with a bootstrap."""
-    measured, random = by_case(read_study(folder)), np.random.default_rng(60)
-    held, t, bootstrap = 0, [], []
-    for claim in CLAIMS[3:]:
-        pool = saved_kwh(claim, measured)
-        pool = pool[np.isfinite(pool)]
-        for number in range(1000):
-            sample = random.choice(pool, drawn)
-            inside = abs(sample.mean() - pool.mean()) <= mean_interval(sample)
-            held += number < 20 and inside
-            t.append(inside)
-            if number < 300:
-                means = random.choice(sample, (400, drawn)).mean(axis=1)
-                low, high = np.quantile(means, [0.025, 0.975])
-                bootstrap.append(low <= pool.mean() <= high)
-        assert mean_interval(sample) == pytest.approx(
-            stats.t.ppf(0.975, drawn - 1) * sample.std(ddof=1) / np.sqrt(drawn), rel=1e-9
-        )
-    return {"draws of 40": held, "t": float(np.mean(t)), "bootstrap": float(np.mean(bootstrap))}
