@@ -55,7 +55,7 @@ class WorthFindings:
     def bars(self) -> list[tuple[str, float, float]]:
         """The inputs in words, with the money saved a year (EUR, step 4) at both ends, the longest bar first."""
         effects = self.steps[SHOWN].effects["eur"].items()
-        bars = [(self._words(name, low > high), *sorted((low, high))) for name, (low, high) in effects if low != high]
+        bars = [(self._words(name, a > b), min(a, b), max(a, b)) for name, (a, b) in effects if a != b]
         return sorted(bars, key=lambda bar: bar[1] - bar[2])
 
     def _words(self, name: str, falls: bool) -> str:
