@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from sim.experiment import driving
+from sim.experiment.runner import ServiceMemory
+from sim.experiment.trials import jobs_of, make_trial
 from sim.experiment.worth.inputs import load_worth
 from sim.experiment.worth.page import findings
+from sim.experiment.worth.study import study_of
 from tests.sim.experiment.worth.support import DESIGN, own_steps
 from tests.support.making import das_sim, das_sim_json, refusal
 
@@ -79,3 +83,16 @@ def test_a_newcomers_own_line_gives_an_answer(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "worth-mine" / "worth.md").is_file()
     assert "technical optimum" in done.stdout
+
+
+@pytest.mark.nightly
+def test_fronts_kept_from_trial_to_trial_change_no_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials of one process, against trials for each of which the line is solved again; to the last digit."""
+    text = DESIGN.replace("receptivity_ratio = {value = 1.0}", "receptivity_ratio = {value = 0.8, high = 1.0}")
+    (tmp_path / "short.toml").write_text(text)
+    jobs = jobs_of(study_of(load_worth(str(tmp_path / "short.toml"))), tmp_path)
+    some = [job for job in jobs if job.trial.levels[0] in ("today-guided", "receptivity_ratio-high", "all-out")][:5]
+    kept = [make_trial(job) for job in some]
+    for job, made in zip(some, kept, strict=True):
+        monkeypatch.setattr(driving, "_services", ServiceMemory(most=driving.LINES_KEPT))
+        assert make_trial(job) == made
