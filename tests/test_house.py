@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_360, 140),
+    "das": Budget(27_390, 140),
     "precompute": Budget(10_600, 47),
-    "sim": Budget(35_660, 145),
+    "sim": Budget(36_480, 151),
     "docs/studies": Budget(6_180, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -103,6 +103,15 @@ ENTRIES: Final = (
         gone=GONE_EXPERIMENTS,
     ),
     Entry(
+        name="worth",
+        where="sim.cli.worth:worth",
+        summary="Estimate what advice would save a fleet, in five steps from the technical optimum to people.",
+        examples=(
+            "das-sim worth intercity",
+            "das-sim worth intercity --scenario my-line/scenario.toml --seeds 20 -o worth-my-line",
+        ),
+    ),
+    Entry(
         name="view",
         where="sim.cli.review:view",
         summary="Look at a recording in the rerun viewer.",

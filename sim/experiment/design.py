@@ -291,9 +291,7 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
     fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if frozen else ())])
     main = fields.table("experiment")
     main.check_keys(["name", "title", "description", "seed"])
-    name, factors = main.text("name"), _factors(fields, frozen=frozen)
-    if not _NAME.fullmatch(name):
-        raise main.error("name", name, _NAME_WORDS)
+    name, factors = study_name(main), _factors(fields, frozen=frozen)
     analysis = fields.optional_table("analysis")
     analysis.check_keys(["measures", "alpha", "correction"])
     desk = read_plan(fields.table("desk"), frozen=frozen) if fields.has("desk") else None
@@ -318,6 +316,14 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
         desk=desk,
         hash=fields.text("hash", ""),
     )
+
+
+def study_name(table: Fields) -> str:
+    """The name of a study, which may become that of a folder; InputError for any other text."""
+    name = table.text("name")
+    if not _NAME.fullmatch(name):
+        raise table.error("name", name, _NAME_WORDS)
+    return name
 
 
 def _real(table: Fields, key: str, ends: tuple[float, float], default: float) -> float:

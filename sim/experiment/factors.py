@@ -9,19 +9,21 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from das.domain.errors import DasError, one_of
+from das.domain.errors import DasError, InputError, one_of
 from das.domain.files.load import load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
+from das.domain.units import PERCENT
 from sim.drivers.kinds import DESK, DriverKind, External, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.drivers.own_class import driver_versions
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.screen import LONGEST_S, ScreenSettings
 from sim.recording.opening import sha256
-from sim.world.scenario import Scenario, bundled_scenarios, load_scenario
+from sim.world.scenario import Drawn, Scenario, bundled_scenarios, load_scenario
 from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
+MOST_BUFFER_PERCENT: Final = 1000.0
 OF_HUMAN: Final = "human_"
 """Prefix of factors that are parameters of the human driver; such a parameter is the same for all participants."""
 
@@ -42,8 +44,9 @@ class Setting:
     """The setting of a trial. `loss_level` is the level of losses used to plan the advice (None: the train's own); it
     does not change the losses of the true train. `scenario` and `train` are names of bundled files or paths; a
     `train` None is the scenario's. Times are in s; `preview_s` is infinite if the display shows everything ahead.
-    `human` contains parameters of a human driver that replace the participant's own, by name. The driver `desk` is a
-    person at the cab desk, whose page shows the delay of the train with `punctuality`.
+    `buffer_percent` replaces the times of a scenario without a journey, and `receptivity_ratio` its receptivity; None
+    is the scenario's. `human` contains parameters of a human driver that replace the participant's own, by name. The
+    driver `desk` is a person at the cab desk, whose page shows the delay of the train with `punctuality`.
     """
 
     scenario: str = "clear-day"
@@ -57,6 +60,8 @@ class Setting:
     preview_s: float = math.inf
     reason: bool = True
     punctuality: bool = True
+    buffer_percent: float | None = None
+    receptivity_ratio: float | None = None
     human: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -70,9 +75,19 @@ class Setting:
         )
 
     def read_scenario(self) -> Scenario:
-        """The scenario with the train of this setting; raises DasError for files that cannot be used."""
+        """The scenario with the train, buffer and receptivity of this setting; raises DasError for unusable files."""
         scenario = day_of(self.scenario)
-        return scenario if self.train is None else replace(scenario, vehicle=self.train, load=None)
+        if self.train is not None:
+            scenario = replace(scenario, vehicle=self.train, load=None)
+        if self.buffer_percent is not None:
+            if scenario.journey is not None:
+                raise InputError(scenario.source, "scenario.journey", scenario.journey, "none with a buffer_percent")
+            scenario = replace(scenario, buffer_ratio=self.buffer_percent * PERCENT, running_s=None)
+        if self.receptivity_ratio is not None:
+            same = Drawn(low=self.receptivity_ratio, high=self.receptivity_ratio)
+            truth = replace(scenario.truth, conditions={**scenario.truth.conditions, "receptivity_ratio": same})
+            scenario = replace(scenario, truth=truth)
+        return scenario
 
     def figures(self) -> dict[str, Any]:
         """Every field in a form for JSON; an infinite preview is None."""
@@ -124,15 +139,20 @@ def _parameter(name: str) -> KnownFactor:
     about = HumanParameters.__dataclass_fields__[name].metadata
     low, high, unit = about["low"], about["high"], about["unit"].replace("–", "")
 
-    def read(table: Fields, key: str, value: Any) -> FactorLevel:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise table.error(key, value, f"a number from {low:g} to {high:g} ({unit or 'a ratio'})")
-        return FactorLevel(text=f"{value:.12g}", value=float(value))
-
     return KnownFactor(
-        name=f"{OF_HUMAN}{name}", title=name, unit=unit, read=read, expected=f"{low:g} to {high:g}",
+        name=f"{OF_HUMAN}{name}", title=name, unit=unit, expected=f"{low:g} to {high:g}",
+        read=_number(low, high, unit or "a ratio"),
         meaning=f"of human drivers: {about['meaning']}",
     )  # fmt: skip
+
+
+def _number(low: float, high: float, unit: str) -> Callable[[Fields, str, Any], FactorLevel]:
+    def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise table.error(key, value, f"a number from {low:g} to {high:g} ({unit})")
+        return FactorLevel(text=f"{value:.12g}", value=float(value))
+
+    return read
 
 
 def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
@@ -233,6 +253,15 @@ FACTORS: Final = {
         KnownFactor(
             name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
             meaning="brake that a human driver uses if the motors could brake", expected=", ".join(FrictionPolicy),
+        ),
+        KnownFactor(
+            name="buffer_percent", title="Buffer", unit="%", read=_number(0.0, MOST_BUFFER_PERCENT, "%"),
+            meaning="buffer of a timetable without a journey, above the least time with service braking",
+            expected=f"0 to {MOST_BUFFER_PERCENT:g} %",
+        ),
+        KnownFactor(
+            name="receptivity_ratio", title="Receptivity", unit="", read=_number(0.0, 1.0, "a ratio"),
+            meaning="share of fed-back power that the line accepts", expected="0 to 1",
         ),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,

@@ -260,6 +260,9 @@ class ServiceMemory:
         for i, (kept_level, service) in enumerate(self._kept):
             if kept_level == level and service.plans(scenario):
                 self._kept.append(self._kept.pop(i))
+                for _, other in self._kept[:-1]:
+                    other.true_fronts.clear()
+                    other.braking_fronts.clear()
                 return service.on(scenario)
         solved = prepare_service(scenario, level=level)
         self._kept = [*self._kept, (level, solved)][-self._most :]

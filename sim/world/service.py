@@ -127,8 +127,13 @@ class Service:
         return all(getattr(scenario, name) == getattr(self.scenario, name) for name in PLANNED)
 
     def on(self, scenario: Scenario) -> Service:
-        """The same service for a scenario that it `plans`; raises DasError for disturbances impossible on this line."""
+        """The same service for a scenario that it `plans`; raises DasError for disturbances impossible on this line.
+
+        Fronts of the true train are kept if the scenario has the same true train.
+        """
         _check_day(scenario, self.vehicle, self.level, self.stops)
+        if replace(scenario.truth, conditions={}) == replace(self.scenario.truth, conditions={}):
+            return replace(self, scenario=scenario)
         return replace(self, scenario=scenario, true_fronts={}, braking_fronts={})
 
 

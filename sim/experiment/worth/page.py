@@ -1,0 +1,176 @@
+"""The findings of a worth study: as tables, as a page with a tornado picture, and for programs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from das.command_line.files import save_figure
+from das.command_line.printing import new_table, paragraph, print_table, tell
+from das.domain.files.writing import write_whole
+from das.drawing.colors import SEVERAL
+from sim.experiment.analysis.comparing import read_study
+from sim.experiment.worth.inputs import INPUTS, WorthDesign
+from sim.experiment.worth.steps import DRAWN, SHOWN, WorthStep, remarks, steps_of
+from sim.review.pictures import INK, TEXT_POINTS, light_figure, named
+
+PAGE, FIGURES, TORNADO = "worth.md", "worth.json", "tornado.svg"
+"""Files written into the study's folder in addition to those of every study."""
+HEADS: Final = ("step", "kWh a train", "%", "late, s", "≤ 0 s, %", "≤ 60 s, %")
+YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
+LEGEND: Final = {
+    "kWh a train": "energy saved, with the 95 % interval from the drawn drivers",
+    "%": "of the least energy at the timetable's times",
+    "late": "mean delay at the last stop, before → after",
+    "≤ 0 s, ≤ 60 s": "share of trains at most so late, before → after",
+}
+YEAR_WORDS: Final = (
+    "The ranges in brackets combine the interval of the drivers with the ranges of the inputs (root of the sum of "
+    "squares). Only step 4 was also driven at the ends of receptivity, buffer, haste and electric braking."
+)
+ASSUMED: Final = (
+    "No person drove: how the simulated drivers react, follow and err is assumed (docs/reference/drivers.md). Energy "
+    "is counted at the current collector, from departure to arrival."
+)
+ROW_IN: Final = 0.4
+
+
+def short(value: float) -> str:
+    """A number with three significant digits, and spaces between thousands."""
+    return f"{float(f'{value:.3g}'):,.10g}".replace(",", " ")
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorthFindings:
+    """The five steps of a worth study, and remarks that qualify them."""
+
+    worth: WorthDesign
+    steps: Sequence[WorthStep]
+    remarks: Sequence[str]
+
+    @property
+    def bars(self) -> list[tuple[str, float, float]]:
+        """The inputs in words, with the money saved a year (EUR, step 4) at both ends, the longest bar first."""
+        effects = self.steps[SHOWN].effects["eur"].items()
+        bars = [(self._words(name, a > b), min(a, b), max(a, b)) for name, (a, b) in effects if a != b]
+        return sorted(bars, key=lambda bar: bar[1] - bar[2])
+
+    def _words(self, name: str, falls: bool) -> str:
+        if name == DRAWN:
+            return "drivers drawn (95 % interval)"
+        one, known = self.worth.inputs[name], INPUTS[name]
+        first, last = (one.high, one.low) if falls else (one.low, one.high)
+        return f"{known.title}, {first:g} to {last:g} {known.unit}".rstrip()
+
+    @property
+    def numbered(self) -> list[tuple[str, WorthStep]]:
+        """The steps, each with its number and name."""
+        return [(f"{number} {step.name}", step) for number, step in enumerate(self.steps, start=1)]
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """The cells of each step, under `HEADS`."""
+        found = []
+        for name, one in self.numbered:
+            was, will = one.before, one.after
+            late = f"{was.late_s:.0f} → {will.late_s:.0f}"
+            shares = ((was.on_time_ratio, will.on_time_ratio), (was.within_minute_ratio, will.within_minute_ratio))
+            cells = [f"{one.saved_kwh:.1f} ± {one.interval_kwh:.1f}", f"{100 * one.saved_ratio:.1f}", late]
+            found.append([name, *cells, *(f"{100 * before:.0f} → {100 * after:.0f}" for before, after in shares)])
+        return found
+
+    @property
+    def year_rows(self) -> list[list[str]]:
+        """The cells of each step's amounts of a year with their ranges, under `YEAR_HEADS`."""
+        found = []
+        for name, one in self.numbered:
+            amounts = ((factor, one.year[unit]) for unit, factor in (("kwh", 1e-3), ("eur", 1e-3), ("co2_t", 1.0)))
+            texts = ([short(factor * each) for each in (x.value, x.low, x.high)] for factor, x in amounts)
+            found.append([name.split()[0], *(f"{value} ({low} to {high})" for value, low, high in texts)])
+        return found
+
+    def as_dict(self) -> dict[str, Any]:
+        """The findings for programs."""
+        worth = self.worth
+        return {
+            **{name: getattr(worth, name) for name in ("name", "title", "drivers", "seed")},
+            "scenario": worth.scenario.text,
+            "inputs": {name: asdict(one) for name, one in worth.inputs.items()},
+            "steps": [asdict(step) | {"shows_saving": step.shows_saving} for step in self.steps],
+            "remarks": list(self.remarks),
+        }
+
+
+def findings(worth: WorthDesign, folder: Path) -> WorthFindings:
+    """The findings of a worth study from its table of trials; DasError for a table that cannot be used."""
+    steps = steps_of(worth, read_study(folder))
+    return WorthFindings(worth=worth, steps=steps, remarks=list(remarks(steps, worth.drivers)))
+
+
+def print_findings(found: WorthFindings) -> None:
+    """Print the five steps, their meanings, the amounts of a year, and the inputs on which the result depends."""
+    tell(f"{found.worth.title}: scenario {found.worth.scenario.text}, {found.worth.drivers} drivers")
+    for heads, rows in ((HEADS, found.rows), (YEAR_HEADS, found.year_rows)):
+        table = new_table("", (), heads[1:], whole=heads[:1])
+        for row in rows:
+            table.add_row(*row)
+        print_table(table, LEGEND if heads is HEADS else None)
+        for name, step in found.numbered if heads is HEADS else []:
+            paragraph(f"{name}: {step.words}.", hanging="  ")
+    paragraph(YEAR_WORDS)
+    most = (f"{words}: {short(low)} to {short(high)} EUR" for words, low, high in found.bars[:3])
+    paragraph(f"Step 4 depends most on {'; '.join(most)}.")
+    for remark in found.remarks:
+        paragraph(f"note: {remark}", hanging="  ")
+
+
+def write_findings(found: WorthFindings, folder: Path) -> list[Path]:
+    """Write the page, the figures and the tornado picture into the study's folder, and return their paths."""
+    save_figure(folder / TORNADO, tornado(found))
+    write_whole(folder / FIGURES, json.dumps(found.as_dict(), indent=2, ensure_ascii=False).encode() + b"\n")
+    write_whole(folder / PAGE, "\n".join(_page(found)).encode() + b"\n")
+    return [folder / name for name in (PAGE, FIGURES, TORNADO)]
+
+
+def tornado(found: WorthFindings) -> Any:
+    """The figure of the money saved a year at equal arrival, from end to end of each input's range."""
+    bars, value = found.bars, found.steps[SHOWN].year["eur"].value
+    figure, (axis,) = light_figure((ROW_IN * len(bars) + 0.4,))
+    for row, (words, low, high) in enumerate(bars):
+        axis.barh(row, high - low, left=low, height=0.6, color=SEVERAL[3 if words.startswith(DRAWN) else 0])
+        for at, gap, side in ((low, -4, "right"), (high, 4, "left")):
+            where = {"ha": side, "va": "center", "color": INK, "fontsize": TEXT_POINTS}
+            axis.annotate(short(at), (at, row), (gap, 0), textcoords="offset points", **where)
+    for at, dots in ((value, "-"), (0.0, ":")):
+        axis.axvline(at, color=INK, linewidth=1.0, linestyle=dots)
+    axis.set_yticks(range(len(bars)), [words for words, _, _ in bars])
+    axis.invert_yaxis()
+    axis.margins(x=0.12)
+    title = f"{found.worth.title}\nStep 4, equal arrival: {short(value)} EUR a year"
+    axis.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS + 2)
+    named(axis, x="saved, EUR a year, with one input at a time at the ends of its range")
+    return figure
+
+
+def _page(found: WorthFindings) -> Iterator[str]:
+    """The lines of the page (Markdown)."""
+    worth = found.worth
+    yield f"# {worth.title}\n\nScenario `{worth.scenario.text}`, {worth.drivers} drivers. {ASSUMED}\n"
+    yield from _table(HEADS, found.rows)
+    yield f"\n{'; '.join(f'{name}: {words}' for name, words in LEGEND.items())}.\n"
+    yield from (f"- **{name}**: {step.words}." for name, step in found.numbered)
+    yield ""
+    yield from _table(YEAR_HEADS, found.year_rows)
+    yield f"\n{YEAR_WORDS}\n"
+    yield from (f"- {remark}" for remark in found.remarks)
+    yield f"\n![Money saved a year, by input]({TORNADO})\n"
+    inputs = ((f"{INPUTS[name].title} (`{name}`)", *map(str, vars(one).values())) for name, one in worth.inputs.items())
+    yield from _table(("input", "value", "low", "high", "source"), inputs)
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    for row in (heads, ["---"] * len(heads), *rows):
+        yield f"| {' | '.join(' '.join(cell.replace('|', '/').split()) for cell in row)} |"
