@@ -45,7 +45,7 @@ LONGEST_BREAK_S: Final = 86_400.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 _NAME_WORDS: Final = "1 to 64 small letters, digits and '-', not beginning with '-'"
 _COLUMN = re.compile(r"[a-z][a-z0-9_]{0,63}")
-COLUMNS: Final = ("trial", "participant", "session", "position", "practice", "condition", "seed")
+COLUMNS: Final = ("trial", "participant", "session", "position", "practice", "braked", "condition", "seed")
 """The columns of the table of trials that are neither factors nor measures."""
 
 
