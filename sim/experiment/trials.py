@@ -84,7 +84,7 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
         )
 
 
-def _practice(design: Design, between: Mapping[str, FactorLevel]) -> list[tuple[int, int]]:
+def _practice(design: Design, between: dict[str, FactorLevel]) -> list[tuple[int, int]]:
     """The condition and the turn (negative) of each practice trial of a group of participants.
 
     Each presentation that they meet is practised once before one is repeated, in the first condition that has it; those
