@@ -32,13 +32,13 @@ from das.domain.route import Route
 from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
-from sim.desk.messages import Acted, Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
+from sim.desk.messages import Acted, Answered, DeskBus, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
 from sim.desk.peer import MARKED, SILENCE
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
-from sim.experiment.driving import StudyTrial
-from sim.experiment.people.forms import Form, load_form, text_for
-from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
+from sim.experiment.driving import AtDesk, StudyTrial
+from sim.experiment.people.forms import load_form, text_for
+from sim.experiment.people.journal import JOURNAL, PersonJournal, read_journal, write_tables
 from sim.experiment.people.steps import (
     CONSENT_ITEM,
     NO,
@@ -118,17 +118,15 @@ class RunningTrial:
         scenario, places = setting.read_scenario(), [endpoint(port) for port in free_ports(2)]
         line = lay_out(scenario)
         hello = hello_of(line, scenario.departure_ns, sitting.language, page) | {"session": True}
-        given = DeskGiven(
-            door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places),
-            lsl=sitting.name if sitting.lsl else "",
-        )  # fmt: skip
+        bus = DeskBus(train=TRAIN, connect=tuple(places), lsl=sitting.name if sitting.lsl else "")
         self._row = sitting.own / "trial.json"
         self._row.unlink(missing_ok=True)
+        desk = AtDesk(times_real=plan.pace, driver_at=places[0], recorder_at=places[1], metadata=page.metadata)
         settings = TrialGiven(
-            design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
-            driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
+            design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, row=str(self._row),
+            command=sitting.command, desk=desk,
         )  # fmt: skip
-        self.desk = Desk(given, hello, line[0], link)
+        self.desk = Desk(bus, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
         self.tasks, self.probe = SideTasks(plan.tasks, trial.seed, probes_s), 0
         """The tasks beside driving; the number of the probe that stops the run (0: none)."""

@@ -24,7 +24,7 @@ from websockets.sync.client import ClientConnection
 from das.bus import das_pb2
 from das.domain.errors import DasError
 from sim.desk.host import listening
-from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
+from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskBus, DeskGiven, encoded, heard
 from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, OF_WATCH, TAKEN, Allowance, Outbox
 from sim.drivers.kinds import Presentation
 from sim.world.lockstep import Process
