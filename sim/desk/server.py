@@ -82,8 +82,12 @@ HEADERS: Final = {
 }
 
 
+NEWEST: Final = frozenset({"cab", "hello", "phase", "state"})
+"""The kinds of messages of which only the newest waits: a page that reads nothing does not fill the memory."""
+
+
 class Outbox:
-    """The queue of messages to a page. A newer cab replaces a waiting one; all other messages keep their order."""
+    """The queue of messages to a page, in order; a newer one of the kinds `NEWEST` replaces a waiting one."""
 
     def __init__(self, socket: WebSocket) -> None:
         self._socket, self._waiting = socket, list[dict[str, Any]]()
@@ -91,8 +95,8 @@ class Outbox:
 
     def put(self, message: dict[str, Any], *, last: int = 0) -> None:
         """Add a message; `last` is the close code after it (0: the socket stays open)."""
-        if message["t"] == "cab":
-            self._waiting = [one for one in self._waiting if one["t"] != "cab"]
+        if message["t"] in NEWEST:
+            self._waiting = [one for one in self._waiting if one["t"] != message["t"]]
         self._waiting.append(message)
         self._last = self._last or last
         self._news.set()
@@ -119,6 +123,31 @@ class Outbox:
         finally:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
+
+
+class OpenPages:
+    """The open pages of one kind, which all receive the same messages; false if none is open."""
+
+    def __init__(self) -> None:
+        self._boxes: set[Outbox] = set()
+
+    def __bool__(self) -> bool:
+        return bool(self._boxes)
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Send a message to every page."""
+        for box in self._boxes:
+            box.put(message)
+
+    async def serve(self, socket: WebSocket, first: dict[str, Any], *heard_by: Any) -> None:
+        """Serve a page from its first message on; `heard_by` are the arguments of `Outbox.serve`."""
+        box = Outbox(socket)
+        box.put(first)
+        self._boxes.add(box)
+        try:
+            await box.serve(*heard_by)
+        finally:
+            self._boxes.discard(box)
 
 
 class Allowance:
