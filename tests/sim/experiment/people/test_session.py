@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import csv
 import json
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 from unittest.mock import Mock
 
@@ -31,15 +32,10 @@ from sim.experiment.people.session import Session, Sitting, _kept, _listening
 from sim.experiment.people.watching import WatcherNote
 from tests.support.desk_page import desk_command
 from tests.support.making import refusal
-from tests.support.people_study import Participant, session_of, study
+from tests.support.people_study import Participant, at_once, check_at_once, rows, session_of, study
 
 LABELS = ("guide", "presentation", "speed-and-effort", "four-mode", "_none", "people.toml", "Does the guide help")
 """Words that would tell a participant the condition or the purpose."""
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def journal(folder: Path, name: str = "P01") -> list[Any]:
@@ -278,6 +274,27 @@ def command(design: Path, out: Path, *more: str) -> Iterator[tuple[Any, str]]:
     arguments = (design.name, "-o", str(out), "--participant", "P1", *more)
     with desk_command(design.parent, *arguments, command=("experiment", "desk")) as found:
         yield found
+
+
+def takes_part(design: Path, out: Path, who: str, ready: Barrier) -> list[dict[str, Any]]:
+    """The session of a participant, who departs when the other one does; returns the settings of the lever."""
+    arguments = (design.name, "-o", str(out), "--participant", who)
+    with desk_command(design.parent, *arguments, command=("experiment", "desk")) as (child, address):
+        with Participant(address) as page:
+            for name in ("trial-1", "trial-2"):
+                step = page.goes_until(name)
+                ready.wait(300)
+                page.goes_on(step)
+            page.goes_until("end")
+        child.wait(60)
+        assert child.returncode == 0
+    return [one for one in page.said if one["t"] == "lever"]
+
+
+@pytest.mark.nightly
+def test_two_participants_drive_at_the_same_time_and_nothing_is_mixed(tmp_path: Path) -> None:
+    design, out = study(tmp_path / "design", ("practice_trials = 1", "practice_trials = 0")), tmp_path / "out"
+    check_at_once(design, out, at_once(partial(takes_part, design, out)))
 
 
 @pytest.mark.nightly
