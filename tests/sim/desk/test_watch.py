@@ -233,18 +233,37 @@ def test_no_message_ends_the_page(figure: float, time_ns: int, simulated: bool) 
     assert told.cab
 
 
+class OpenServer:
+    """A server that serves until it is asked to stop."""
+
+    should_exit = False
+
+    async def serve(self, sockets: object) -> None:
+        while not self.should_exit:
+            await asyncio.sleep(0.01)
+
+
 def test_the_command_ends_if_its_page_can_no_longer_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Server:
-        should_exit = False
-
-        async def serve(self, sockets: object) -> None:
-            while not self.should_exit:
-                await asyncio.sleep(0.01)
-
     told, bus = Told(), Mock(train="T1", receive=lambda *_, **__: time.sleep(0.01))
     monkeypatch.setattr(told.train, "cab", Mock(side_effect=DasError("a fault of the page")))
     with pytest.raises(DasError, match="a fault of the page"):
-        asyncio.run(WatchServer(told.train, bus, "en", PageSettings()).run(Server(), None))
+        asyncio.run(WatchServer(told.train, bus, "en", PageSettings()).run(OpenServer(), None))
+
+
+def test_of_a_flood_of_advice_only_the_newest_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    (told, _, advice), server = advised(), OpenServer()
+    coming, drawn = iter([Received(ADVICE, "", advice)] * 2000), Mock(return_value="silent")
+
+    def receive(*_: object, **__: object) -> Received | None:
+        server.should_exit = (received := next(coming, None)) is None
+        return received
+
+    monkeypatch.setattr(told.train, "cab", drawn)
+    before = told.train._advices
+    bus = Mock(train="T1", receive=receive, trains=list)
+    asyncio.run(WatchServer(told.train, bus, "en", PageSettings()).run(server, None))
+    assert told.train._advices == before + 2000
+    assert drawn.call_count < 200
 
 
 @pytest.mark.parametrize(
