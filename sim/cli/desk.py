@@ -177,7 +177,7 @@ def _drive_at_desk(
     from das.bus.access import Role
     from das.bus.session import endpoint, free_ports
     from sim.desk.host import DeskHost, listening, new_token
-    from sim.desk.messages import SETTINGS_KEY, DeskGiven, PageSettings, encoded
+    from sim.desk.messages import DeskBus, DeskGiven, PageSettings
     from sim.world.driving import How
     from sim.world.service import lay_out
 
@@ -190,15 +190,17 @@ def _drive_at_desk(
         own.config(asked.train)
     places = [endpoint(port) for port in free_ports(2)]
     page = PageSettings(notches=looks.notches, punctuality=looks.punctuality)
+    bus = DeskBus(
+        train=asked.train, connect=() if files else tuple(places), file=None if own is None else str(own.path),
+        insecure=recorded.insecure_bus, lsl=asked.train if looks.lsl else "",
+    )  # fmt: skip
     given = DeskGiven(
-        door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey, train=asked.train,
-        language=str(looks.language), page=page, connect=() if files else tuple(places),
-        bus=None if own is None else str(own.path), insecure_bus=recorded.insecure_bus,
-        lsl=asked.train if looks.lsl else "",
+        door=-1, token=new_token(), scenario=str(read.source), journey=asked.journey,
+        language=str(looks.language), bus=bus, page=page,
     )  # fmt: skip
     how = How(
         driver=DESK, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,
-        driver_at=places[0], recorder_at=places[1], paced=True, metadata={SETTINGS_KEY: encoded(page)},
+        driver_at=places[0], recorder_at=places[1], paced=True, metadata=page.metadata,
     )  # fmt: skip
     reserved = new_recording("desk") if recorded.out is None else None
     with removed_if_unused(reserved), DeskHost(given, listening(looks.port)) as host:

@@ -308,7 +308,8 @@ def fit(
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Population file to write (.toml).")],
     participant: PeopleOption = None,
     design: Annotated[
-        Path | None, typer.Option("--design", metavar="FILE", help="The study's design, if it names files beside it.")
+        Path | None,
+        typer.Option("--design", metavar="FILE", help="The design, if it names scenario, train or population files."),
     ] = None,
     drivers: Annotated[int, typer.Option("--drivers", min=LEAST_DRIVERS, help="Number of simulated drivers.")] = 80,
     workers: WorkersOption = None,

@@ -5,8 +5,9 @@ All are JSON. A message that does not match these types is rejected (`heard`).
 
 from __future__ import annotations
 
+import os
 import re
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, TypeVar
 
 import msgspec
 
@@ -127,6 +128,11 @@ class PageSettings(msgspec.Struct, frozen=True, kw_only=True):
     notches: Annotated[int, msgspec.Meta(ge=0, le=MOST_NOTCHES)] = 10
     punctuality: bool = True
 
+    @property
+    def metadata(self) -> dict[str, str]:
+        """The settings as an entry of a recording's metadata."""
+        return {SETTINGS_KEY: encoded(self)}
+
 
 SETTINGS_KEY: Final = "desk"
 """The key of the page's settings (JSON) in a recording's metadata."""
@@ -142,29 +148,37 @@ def recorded_settings(recording: Recording) -> PageSettings:
         raise DasError(f"{recording.path}: metadata {SETTINGS_KEY} = {text!r}: expected {expected}") from error
 
 
-class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings passed to the server of a run: door (a listening socket), token, scenario, and page settings.
+class DeskBus(msgspec.Struct, frozen=True, kw_only=True):
+    """The desk's place on the bus: its train, and the endpoints of simulator and recorder, or the desk's bus file.
 
-    `connect` are the endpoints of simulator and recorder, unless `bus` names the desk's bus file. `lsl` is the name
-    in the drive's streams over LSL; without one, nothing is streamed.
+    `lsl` is the name in the drive's streams over LSL; without one, nothing is streamed.
     """
+
+    train: str
+    connect: tuple[str, ...] = ()
+    file: str | None = None
+    insecure: bool = False
+    lsl: str = ""
+
+
+class DeskGiven(msgspec.Struct, frozen=True, kw_only=True):
+    """The settings passed to the server of a run: door (a listening socket), token, scenario, bus, page settings."""
 
     door: int
     token: str
     scenario: str
-    train: str
     language: str
+    bus: DeskBus
     journey: str | None = None
-    connect: tuple[str, ...] = ()
-    bus: str | None = None
-    insecure_bus: bool = False
-    lsl: str = ""
     page: PageSettings = PageSettings()
 
 
-def given_of(text: str) -> DeskGiven:
-    """The settings passed to the server by `das-sim`; DasError if there are none."""
+Given = TypeVar("Given", bound=msgspec.Struct)
+
+
+def given_to(variable: str, kind: type[Given], starter: str) -> Given:
+    """The settings that `starter` has passed to this process in an environment variable; DasError if there are none."""
     try:
-        return msgspec.json.decode(text, type=DeskGiven)
+        return msgspec.json.decode(os.environ.pop(variable, ""), type=kind)
     except msgspec.MsgspecError as error:
-        raise DasError(f"the desk's server is started by das-sim desk, not by itself ({error})") from error
+        raise DasError(f"this process is started by {starter}, not by itself ({error})") from error

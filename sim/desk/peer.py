@@ -20,7 +20,7 @@ from das.bus.session import Bus
 from das.bus.topics import ACTION, CAB, CONTROL, CONTROLS, MARK
 from das.domain.clocks import WALL, Clocks
 from sim.desk.lsl import StreamedBus
-from sim.desk.messages import DeskGiven, Lever, Marked
+from sim.desk.messages import DeskBus, Lever, Marked
 
 CALLED_EVERY_S: Final = 0.1
 """Interval (s) of the desk's announcements before the run begins."""
@@ -70,8 +70,8 @@ class Peer:
     may be called from any thread.
     """
 
-    def __init__(self, given: DeskGiven, tell: Told, clocks: Clocks = WALL) -> None:
-        self._given, self._tell, self._clocks = given, tell, clocks
+    def __init__(self, place: DeskBus, tell: Told, clocks: Clocks = WALL) -> None:
+        self._place, self._tell, self._clocks = place, tell, clocks
         self._bus: Bus | None = None
         self._cab: Any | None = None
         self._lock = threading.Lock()
@@ -177,10 +177,10 @@ class Peer:
 
     def _run(self) -> None:
         """Receive from the bus until the run is over, or until this session is closed."""
-        given = self._given
-        file = None if given.bus is None else bus_options(Path(given.bus), given.insecure_bus, None, None)
-        joins = partial(StreamedBus, given.lsl) if given.lsl else Bus
-        with joins(given.train, connect=given.connect, hear=(CAB, CONTROL), file=file) as bus:
+        place = self._place
+        file = None if place.file is None else bus_options(Path(place.file), place.insecure, None, None)
+        joins = partial(StreamedBus, place.lsl) if place.lsl else Bus
+        with joins(place.train, connect=place.connect, hear=(CAB, CONTROL), file=file) as bus:
             with self._lock:
                 self._bus = bus
             while not self._over.is_set():

@@ -29,7 +29,6 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketClose, WebSocketDisconnect
 
-from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.route import Route as Line
 from sim.desk import peer as on_bus
@@ -37,6 +36,7 @@ from sim.desk.line import cab_fields, hello_of, reasons
 from sim.desk.messages import (
     GIVEN,
     LARGEST_BYTES,
+    DeskBus,
     DeskGiven,
     FrameDrawn,
     Lever,
@@ -44,12 +44,12 @@ from sim.desk.messages import (
     Ready,
     Said,
     encoded,
-    given_of,
+    given_to,
     heard,
 )
 from sim.desk.peer import Peer
 from sim.drivers.messages import recorded_view
-from sim.world.lockstep import end_with_parent
+from sim.world.lockstep import run_child
 from sim.world.scenario import load_scenario
 from sim.world.service import lay_out
 
@@ -82,8 +82,12 @@ HEADERS: Final = {
 }
 
 
+NEWEST: Final = frozenset({"cab", "hello", "phase", "state"})
+"""The kinds of messages of which only the newest waits: a page that reads nothing does not fill the memory."""
+
+
 class Outbox:
-    """The queue of messages to a page. A newer cab replaces a waiting one; all other messages keep their order."""
+    """The queue of messages to a page, in order; a newer one of the kinds `NEWEST` replaces a waiting one."""
 
     def __init__(self, socket: WebSocket) -> None:
         self._socket, self._waiting = socket, list[dict[str, Any]]()
@@ -91,8 +95,8 @@ class Outbox:
 
     def put(self, message: dict[str, Any], *, last: int = 0) -> None:
         """Add a message; `last` is the close code after it (0: the socket stays open)."""
-        if message["t"] == "cab":
-            self._waiting = [one for one in self._waiting if one["t"] != "cab"]
+        if message["t"] in NEWEST:
+            self._waiting = [one for one in self._waiting if one["t"] != message["t"]]
         self._waiting.append(message)
         self._last = self._last or last
         self._news.set()
@@ -119,6 +123,31 @@ class Outbox:
         finally:
             sending.cancel()
             await asyncio.gather(sending, return_exceptions=True)
+
+
+class OpenPages:
+    """The open pages of one kind, which all receive the same messages; false if none is open."""
+
+    def __init__(self) -> None:
+        self._boxes: set[Outbox] = set()
+
+    def __bool__(self) -> bool:
+        return bool(self._boxes)
+
+    def put(self, message: dict[str, Any]) -> None:
+        """Send a message to every page."""
+        for box in self._boxes:
+            box.put(message)
+
+    async def serve(self, socket: WebSocket, first: dict[str, Any], *heard_by: Any) -> None:
+        """Serve a page from its first message on; `heard_by` are the arguments of `Outbox.serve`."""
+        box = Outbox(socket)
+        box.put(first)
+        self._boxes.add(box)
+        try:
+            await box.serve(*heard_by)
+        finally:
+            self._boxes.discard(box)
 
 
 class Allowance:
@@ -214,7 +243,7 @@ class Desk:
     replaces a killed one during a run starts in the phase driving. `link` is the link to the page (None: its own).
     """
 
-    def __init__(self, given: DeskGiven, hello: dict[str, Any], route: Line, link: PageLink | None = None) -> None:
+    def __init__(self, place: DeskBus, hello: dict[str, Any], route: Line, link: PageLink | None = None) -> None:
         self._hello, self._route = hello, route
         self.phase = "welcome"
         """The present phase."""
@@ -223,7 +252,7 @@ class Desk:
         self.looks: Callable[[dict[str, Any]], None] = lambda _cab: None
         """The function that is called with the fields of each cab."""
         self._link = link or PageLink(self)
-        self.peer = Peer(given, lambda cab: self._link.soon(self._take, cab))
+        self.peer = Peer(place, lambda cab: self._link.soon(self._take, cab))
         self.peer.begin()
 
     def routes(self) -> list[BaseRoute]:
@@ -363,16 +392,7 @@ def server_of(routes: Sequence[BaseRoute], port: int, token: str, watch_token: s
 def main() -> None:
     """Serve the desk."""
     threading.excepthook = _end_with_thread
-    end_with_parent()
-    try:
-        with interrupted_by_termination():
-            given = given_of(os.environ.pop(GIVEN, ""))
-            asyncio.run(_serve(given))
-    except DasError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(0)
+    run_child(lambda: asyncio.run(_serve(given_to(GIVEN, DeskGiven, "das-sim desk"))))
 
 
 def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
@@ -384,7 +404,7 @@ def _end_with_thread(failed: threading.ExceptHookArgs) -> None:
 async def _serve(given: DeskGiven) -> None:
     scenario = load_scenario(given.scenario, given.journey)
     line = lay_out(scenario)
-    desk = Desk(given, hello_of(line, scenario.departure_ns, given.language, given.page), line[0])
+    desk = Desk(given.bus, hello_of(line, scenario.departure_ns, given.language, given.page), line[0])
     try:
         door = socket.socket(fileno=given.door)
         await server_of(desk.routes(), door.getsockname()[1], given.token).serve(sockets=[door])

@@ -33,7 +33,7 @@ from das.estimate.estimate import STALE_AFTER_S, Quality
 from das.estimate.plausibility import STANDSTILL_MPS
 from sim.desk.line import hello_of
 from sim.desk.messages import PageSettings
-from sim.desk.server import Outbox, cab_of, page_routes, server_of
+from sim.desk.server import OpenPages, cab_of, page_routes, server_of
 from sim.drivers.cab import CabView
 from sim.drivers.kinds import Presentation
 from sim.drivers.knowledge import LineKnowledge
@@ -47,6 +47,8 @@ SILENT_S: Final = 10.0
 """Time (s) without any message after which the page says so."""
 PICTURE_S: Final = 0.2
 """Interval (s) between two cabs on the page; new advice is shown at once."""
+LEAST_S: Final = 0.02
+"""Shortest interval (s) between two cabs."""
 AWAY_M, AWAY_SDS = 50.0, 3.0
 """Distance (m, plus standard deviations of both positions) from the train up to which advice is for its place."""
 CLOCK_RUNS_ON_S: Final = 1.5
@@ -76,7 +78,9 @@ class WatchedTrain:
     def hear(self, received: Received) -> None:
         """Take a message; an unreadable one and an unusable position are ignored."""
         topic, message = received.topic, received.message
-        if message is None or (topic is POSITION and not _is_usable(message)):
+        if message is None:
+            return
+        if topic is POSITION and (message.quality == Quality.INVALID or not math.isfinite(message.s_m)):
             return
         self._newest[topic.name] = message
         self._heard_s[topic.name] = self._heard_s[""] = self._clocks.seconds()
@@ -176,73 +180,88 @@ class WatchedTrain:
         )
 
 
-def _is_usable(position: Any) -> bool:
-    return math.isfinite(position.s_m) and position.quality != Quality.INVALID
-
-
 class WatchServer:
-    """The server of the page: the cab for every open page, from the messages of an open bus."""
+    """The server of the page: the cab for every open page, from the messages of an open bus.
+
+    Messages are taken in the thread that receives them, and only the newest state is drawn. A flood therefore fills
+    neither the loop nor the memory: `Bus` drops what is too much.
+    """
 
     def __init__(self, train: WatchedTrain, bus: Bus, language: str, page: PageSettings) -> None:
         self._train, self._bus, self._language, self._page = train, bus, language, page
-        self._boxes: set[Outbox] = set()
+        self._pages, self._lock = OpenPages(), threading.Lock()
+        self._news, self._over = asyncio.Event(), threading.Event()
         self._others = ""
-        self._told: dict[str, Any] = {}
-        self._over = threading.Event()
+        self._drawn: dict[str, Any] = {}
+        self._line = train.line
 
     def routes(self) -> list[BaseRoute]:
         """The routes that the server answers."""
-        return [WebSocketRoute("/desk", self._connect), *page_routes()]
+
+        async def connect(socket: WebSocket) -> None:
+            with self._lock:
+                hello = self._hello()
+            await self._pages.serve(socket, hello)
+
+        return [WebSocketRoute("/desk", connect), *page_routes()]
 
     async def run(self, server: Any, door: Any) -> None:
         """Serve the page until the server is stopped."""
+
+        def end(_task: object) -> None:
+            server.should_exit = True
+
         receiving = asyncio.create_task(asyncio.to_thread(self._receive, asyncio.get_running_loop()))
         drawing = asyncio.create_task(self._draw())
+        for task in (receiving, drawing):  # a page that is no longer drawn would look alive
+            task.add_done_callback(end)
         try:
             await server.serve(sockets=[door])
         finally:
             drawing.cancel()
             self._over.set()
             await receiving
+            with contextlib.suppress(asyncio.CancelledError):
+                await drawing
 
     def _receive(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Pass the messages of the bus to the loop; after a silence, look for the other trains on the bus."""
+        """Take the messages of the bus; after a silence, look for the other trains on it."""
         quiet_s = 0.0
         while not self._over.is_set():
-            received = self._bus.receive(PICTURE_S)
+            received = self._bus.receive(PICTURE_S, skip_outdated=True)
             quiet_s = quiet_s + PICTURE_S if received is None else 0.0
             if received is not None:
-                loop.call_soon_threadsafe(self._take, received)
+                with self._lock:
+                    self._train.hear(received)
+                if received.topic in (ADVICE, JOURNEY) and not self._news.is_set():
+                    loop.call_soon_threadsafe(self._news.set)
             elif quiet_s >= SILENT_S:
                 self._others, quiet_s = ", ".join(one for one in self._bus.trains() if one != self._bus.train), 0.0
 
     async def _draw(self) -> None:
         while True:
-            self._show()
-            await asyncio.sleep(PICTURE_S)
-
-    def _take(self, received: Received) -> None:
-        self._train.hear(received)
-        if received.topic is JOURNEY:
-            self._put(self._hello())
-        if received.topic in (ADVICE, JOURNEY):
-            self._show()
-
-    def _put(self, message: dict[str, Any]) -> None:
-        for box in self._boxes:
-            box.put(message)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), PICTURE_S)
+            self._news.clear()
+            with self._lock:
+                self._show()
+            await asyncio.sleep(LEAST_S)
 
     def _show(self) -> None:
-        """Send the cab to the pages, or what is missing for it; a change of what is missing is also printed."""
-        cab = self._train.cab()
-        if (phase := self._phase(cab)) != self._told:
-            self._told = phase
-            self._put({"t": "phase", **phase})
+        """Send a new line, and the cab or what is missing for it; a change of what is missing is also printed."""
+        train = self._train
+        cab = train.cab()
+        if self._line is not train.line:
+            self._line = train.line
+            self._pages.put(self._hello())
+        if (phase := self._phase(cab)) != self._drawn:
+            self._drawn = phase
+            self._pages.put({"t": "phase", **phase})
             if cab == "silent":
                 others = f"; trains with advice on this bus: {self._others}" if self._others else ""
                 say(f"{self._bus.train}: nothing received for {SILENT_S:.0f} s{others}")
-        if not isinstance(cab, str) and self._boxes:
-            self._put(cab_of(cab, self._train.line.route) | {"seq": 0})
+        if not isinstance(cab, str) and self._pages:
+            self._pages.put(cab_of(cab, train.line.route) | {"seq": 0})
 
     def _phase(self, cab: Message | str) -> dict[str, Any]:
         if not isinstance(cab, str):
@@ -253,15 +272,6 @@ class WatchServer:
         train, line = self._train, self._train.line
         hello = hello_of((line.route, line.vehicle, train.stops), train.now_ns, self._language, self._page)
         return hello | {"watched": self._bus.train, "lever": 0.0, "seq": 0} | self._phase(train.cab())
-
-    async def _connect(self, socket: WebSocket) -> None:
-        box = Outbox(socket)
-        box.put(self._hello())
-        self._boxes.add(box)
-        try:
-            await box.serve()
-        finally:
-            self._boxes.discard(box)
 
 
 def watch(train: WatchedTrain, bus: Bus, shown: tuple[str, PageSettings], door: Any, token: str) -> None:

@@ -45,7 +45,7 @@ LONGEST_BREAK_S: Final = 86_400.0
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 _NAME_WORDS: Final = "1 to 64 small letters, digits and '-', not beginning with '-'"
 _COLUMN = re.compile(r"[a-z][a-z0-9_]{0,63}")
-COLUMNS: Final = ("trial", "participant", "session", "position", "practice", "condition", "seed")
+COLUMNS: Final = ("trial", "participant", "session", "position", "practice", "braked", "condition", "seed")
 """The columns of the table of trials that are neither factors nor measures."""
 
 
@@ -569,7 +569,7 @@ def design_files(design: Design) -> dict[str, str]:
     found = {"population": sha256(Path(load_population(design.people.population).source))}
     for setting in design.settings():
         found |= setting_files(setting)
-    found |= {} if design.desk is None else dict(design.desk.files())
+    found |= {f"desk: {name}": sha256(path) for name, path in (design.desk or PeoplePlan()).files.items()}
     return dict(sorted(found.items()))
 
 
@@ -585,9 +585,25 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
         if kept.exists():
             check_frozen(design, folder, found["hash"])
             return found
+        _keep_texts(design.desk or PeoplePlan(), folder)
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
     write_whole(kept, json.dumps(found, indent=2, ensure_ascii=False).encode() + b"\n")
     return found
+
+
+def _keep_texts(plan: PeoplePlan, folder: Path) -> None:
+    """Copy the laboratory's texts and questionnaires into a study's folder, so that its design can be read there.
+
+    Raises DasError if another file is in the place of one of them.
+    """
+    own = {folder / name: path for name, path in plan.files.items() if Path(name).suffix}  # bundled ones have no suffix
+    for kept, path in own.items():
+        if kept.exists() and sha256(kept) != sha256(path):
+            raise DasError(f"{kept}: exists and differs from {path}: expected another folder")
+    for kept, path in own.items():
+        if not kept.exists():
+            make_folder(kept.parent)
+            write_whole(kept, path.read_bytes())
 
 
 def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:

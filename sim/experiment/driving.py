@@ -195,13 +195,9 @@ def drive(
     setting = trial.setting
     driver = WatchedDriver(_driver(day, setting, desk))
     how = How(
-        driver=setting.driver,
-        friction=setting.friction,
-        advice=setting.presentation,
-        train="train-1",
-        command="" if record is None else record.command,
-        screen=setting.screen,
-    )
+        driver=setting.driver, friction=setting.friction, advice=setting.presentation, train="train-1",
+        command="" if record is None else record.command, screen=setting.screen,
+    )  # fmt: skip
     if desk is not None:
         how = replace(how, driver_at=desk.driver_at, recorder_at=desk.recorder_at, paced=True, metadata=desk.metadata)
     out = None if record is None else record.file

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
-from das.domain.errors import MISSING, DasError
+from das.domain.errors import MISSING
 from das.domain.files.load import bundled_files
 from das.domain.files.reading import Fields, number
 from das.domain.units import KMH
 from sim.options import MOST_NOTCHES
-from sim.recording.opening import sha256
 
 TEXTS: Final = ("consent", "instructions", "debriefing")
 """The keys of the Markdown texts, in their order."""
@@ -90,20 +89,11 @@ class PeoplePlan:
         """The questionnaires of a trial, whose scores are its measures."""
         return (*self.after_trial, *filter(None, [self.probe]))
 
-    def files(self) -> Iterator[tuple[str, str]]:
-        """The name and the hash of each text and questionnaire; raises DasError for a missing file."""
-        bundled = bundled_forms()
-        for name in filter(None, (getattr(self, key) for key in TEXTS)):
-            yield f"desk: {name}", _digest(self.folder / name)
-        for name in self.forms:
-            yield f"desk: {name}", _digest(bundled.get(name, self.folder / name))
-
-
-def _digest(path: Path) -> str:
-    try:
-        return sha256(path)
-    except OSError as error:
-        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
+    @property
+    def files(self) -> dict[str, Path]:
+        """The texts and questionnaires, by their names in the design."""
+        texts, bundled = filter(None, (getattr(self, key) for key in TEXTS)), bundled_forms()
+        return {name: bundled.get(name, self.folder / name) for name in (*texts, *self.forms)}
 
 
 def bundled_forms() -> Mapping[str, Path]:
@@ -180,4 +170,5 @@ def _form_words() -> str:
 def _is_beside(table: Fields, name: str, suffix: str) -> bool:
     """Whether a relative path names a file with a suffix in the folder of the design's file."""
     path = Path(name)
-    return path.suffix == suffix and not path.is_absolute() and (table.source.parent / path).is_file()
+    inside = not path.is_absolute() and ".." not in path.parts
+    return path.suffix == suffix and inside and (table.source.parent / path).is_file()

@@ -50,6 +50,7 @@ TRIAL_COLUMNS: Final = {
     "session": "part of the trials between two breaks",
     "position": "place of the trial in the participant's order, from 1, practice included",
     "practice": "1 for a practice trial, which is not for analysis, else 0",
+    "braked": "1 if the dead-man brake stopped the train because nobody was at the desk, else 0",
     "condition": "levels of all factors in the order of the design, joined by _",
 }
 """The first columns of the table of trials; columns of factors, the seed of the day and measures follow."""
@@ -123,12 +124,13 @@ def table_text(columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> bytes:
 
 
 def trials_table(design: Design, trials: Sequence[StudyTrial], measures: Mapping[int, Mapping[str, Any]]) -> bytes:
-    """The tidy table of finished trials; `measures` maps the number of each finished trial to its measures."""
+    """The tidy table of finished trials; `measures` has those of each finished trial by its number."""
     head = [*TRIAL_COLUMNS, *(factor.name for factor in design.factors), "seed", *design.measures]
     rows = (
         [
-            *(one.number, one.participant, one.session_name, one.position, int(one.practice), one.condition),
-            *(*one.levels, one.seed, *(measures[one.number][name] for name in design.measures)),
+            *(one.number, one.participant, one.session_name, one.position, int(one.practice)),
+            *(measures[one.number].get("braked", 0), one.condition, *one.levels, one.seed),
+            *(measures[one.number][name] for name in design.measures),
         ]
         for one in trials
         if one.number in measures

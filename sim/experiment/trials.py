@@ -22,11 +22,11 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
-from sim.drivers.kinds import DriverKind
+from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.parameters import load_population
 from sim.experiment.design import Chances, ConditionOrder, Days, Design
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
-from sim.experiment.factors import Setting, setting_files
+from sim.experiment.factors import FactorLevel, Setting, setting_files
 from sim.experiment.measures import MEASURES, measured, needs_table
 from sim.experiment.runner import JobRecording, JobWords, Rows, Runner
 from sim.experiment.study_files import (
@@ -66,8 +66,7 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
         order_of(procedure.order, len(inside), row * procedure.repetitions + turn, (design.seed, who, turn))
         for turn in range(procedure.repetitions)
     ]
-    practice = [(orders[0][i % len(inside)], -1 - i // len(inside)) for i in range(procedure.practice_trials)]
-    planned = practice + [(number, turn) for turn, order in enumerate(orders) for number in order]
+    planned = _practice(design, between) + [(number, turn) for turn, order in enumerate(orders) for number in order]
     for place, (number, turn) in enumerate(planned):
         condition = between | inside[number]
         yield StudyTrial(
@@ -83,6 +82,20 @@ def _of_participant(design: Design, who: int, before: int) -> Iterator[StudyTria
             chance=place if procedure.chances is Chances.NEW else 0,
             trips=people.trips_before + place if people.learning else None,
         )
+
+
+def _practice(design: Design, between: dict[str, FactorLevel]) -> list[tuple[int, int]]:
+    """The condition and the turn (negative) of each practice trial of a group of participants.
+
+    Each presentation that they meet is practised once before one is repeated, in the first condition that has it; those
+    with advice come last, and the last of all is the first of them in the design.
+    """
+    if not (count := design.procedure.practice_trials):
+        return []
+    shown = [design.setting(between | one).presentation for one in design.conditions(within=True)]
+    first = {one: shown.index(one) for one in shown}.values()
+    met = sorted(first, key=lambda i: (shown[i] is Presentation.NONE, i))
+    return [(met[i % len(met)], -1 - i // len(met)) for i in reversed(range(count))]
 
 
 def _day_seed(design: Design, who: int, turn: int) -> int:
@@ -209,15 +222,11 @@ def jobs_of(design: Design, folder: Path, *, record: bool = False) -> list[Trial
         files = by_setting.setdefault(trial.setting, {})
         if not files:
             files |= common | setting_files(trial.setting)
-        found.append(
-            TrialJob(
-                trial=trial,
-                population=population,
-                measures=design.measures,
-                files=tuple(files.items()),
-                record=folder / recording_file(trial) if record else None,
-            )
+        file = folder / recording_file(trial) if record else None
+        job = TrialJob(
+            trial=trial, population=population, measures=design.measures, files=tuple(files.items()), record=file
         )
+        found.append(job)
     return found
 
 
@@ -294,7 +303,11 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
                 good[job.trial.number] = row["measures"]
             elif row is not None:
                 failed.append(job.row | {"error": row["error"]})
-        _write_results(design, jobs, folder, (good, failed))
+        write_whole(folder / TRIALS_TABLE, trials_table(design, [job.trial for job in jobs], good))
+        if failed:
+            write_whole(folder / FAILED_TABLE, table_text(FAILED, ([row[name] for name in FAILED] for row in failed)))
+        else:
+            (folder / FAILED_TABLE).unlink(missing_ok=True)
         if made or not (folder / README).exists():
             write_whole(folder / README, readme(design, workers, began, datetime.now(UTC)))
 
@@ -308,18 +321,3 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 def _driven_once(jobs: Sequence[TrialJob]) -> list[TrialJob]:
     """The jobs without duplicates: some drivers have the same job for every participant."""
     return list({(job.inputs_sha256, job.record): job for job in reversed(jobs)}.values())
-
-
-def _write_results(
-    design: Design,
-    jobs: Sequence[TrialJob],
-    folder: Path,
-    found: tuple[Mapping[int, Mapping[str, Any]], Sequence[Mapping[str, Any]]],
-) -> None:
-    """Write the table of trials and the list of failed trials."""
-    good, failed = found
-    write_whole(folder / TRIALS_TABLE, trials_table(design, [job.trial for job in jobs], good))
-    if failed:
-        write_whole(folder / FAILED_TABLE, table_text(FAILED, ([row[name] for name in FAILED] for row in failed)))
-    else:
-        (folder / FAILED_TABLE).unlink(missing_ok=True)

@@ -82,8 +82,11 @@ def versions(recording: Recording) -> dict[str, str]:
 
 
 def sha256(path: Path) -> str:
-    """SHA-256 of a file, as hexadecimal text."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """SHA-256 of a file, as hexadecimal text; DasError if it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise DasError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def input_files(route: str, vehicle: str) -> dict[str, Path]:

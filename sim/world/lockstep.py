@@ -34,6 +34,7 @@ from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROLS, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.heard import Heard, JourneyHeard
 from das.cab.outputs import NodeState
+from das.command_line.process import EXIT_INTERRUPTED, interrupted_by_termination
 from das.domain.errors import DasError
 from sim.recording.opening import NODE_ARGUMENTS
 
@@ -112,8 +113,23 @@ class Process:
         return lines[-1].removeprefix("error: ") if lines else "it printed nothing"
 
 
-def end_with_parent() -> None:
-    """End this process, which `Process` started, as by SIGTERM when its parent ends."""
+def run_child(do: Callable[[], object]) -> None:
+    """Do the work of a process that `Process` started; its parent reads the reason of an error as its last words.
+
+    The process ends as by SIGTERM when its parent ends.
+    """
+    _end_with_parent()
+    try:
+        with interrupted_by_termination():
+            do()
+    except DasError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _end_with_parent() -> None:
     parent = int(sys.argv[sys.argv.index("--with-parent") + 1])  # passed, because the parent may have ended already
 
     def watch() -> None:

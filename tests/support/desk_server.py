@@ -22,7 +22,7 @@ from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from sim.desk.host import listening
 from sim.desk.line import hello_of
-from sim.desk.messages import DeskGiven
+from sim.desk.messages import DeskBus, PageSettings
 from sim.desk.peer import Peer
 from sim.desk.server import Desk, server_of
 from tests.support.making import flat, make_train
@@ -138,10 +138,9 @@ def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]
     """A server of a made-up run, by default on a flat line of 6 km."""
     door = listening(0)
     line = line or (flat(6000.0), make_train(), flat(6000.0).stops)
-    given = DeskGiven(door=-1, token=TOKEN, scenario="", train="T1", language="en")
     loop = asyncio.new_event_loop()
     with patch("sim.desk.peer.Bus", MadeUpBus):
-        desk = Desk(given, hello_of(line, 0, "en", given.page), line[0])
+        desk = Desk(DeskBus(train="T1"), hello_of(line, 0, "en", PageSettings()), line[0])
         until(lambda: desk.peer.joined, "the made-up bus")
         MadeUpBus.latest.peer = desk.peer
         server = server_of(desk.routes(), door.getsockname()[1], TOKEN)

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import csv
 import http.client
 import json
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Barrier
 from types import TracebackType
 from typing import Any, Final
 from urllib.parse import urlsplit
 
+import pytest
 from websockets.sync.client import connect
 
 from das.bus import das_pb2
-from sim.experiment.design import freeze, load_design
+from das.bus.recording import read_recording
+from das.bus.topics import ACTION
+from sim.experiment.design import freeze, load_design, read_design
+from sim.experiment.people.journal import read_journal
 from sim.experiment.people.session import Sitting, serve
+from sim.experiment.study_files import recording_file
+from sim.experiment.trials import trials_of
 
 STRONGEST_MPS2: Final = 1.62
 """Deceleration (m/s²) of the train of the study at full brake."""
@@ -81,7 +90,7 @@ class Participant:
 
     def __init__(self, address: str, socket: str = "/desk") -> None:
         parts = urlsplit(address)
-        self.host, self.seen, self.steps = parts.netloc, list[str](), list[Message]()
+        self.host, self.seen, self.steps, self.said = parts.netloc, list[str](), list[Message](), list[Message]()
         self._path = socket
         door = http.client.HTTPConnection(self.host, timeout=20)
         door.request("GET", f"{parts.path}?{parts.query}")
@@ -106,6 +115,7 @@ class Participant:
 
     def say(self, kind: str, **fields: Any) -> None:
         """Send a message as the page does."""
+        self.said.append({"t": kind, **fields})
         self._socket.send(json.dumps({"t": kind, **fields}))
 
     def hear(self, for_s: float = 60.0) -> Message:
@@ -165,6 +175,12 @@ class Participant:
             self.say("lever", k=self._k, ratio=wanted, at=time.time() * 1000, by="key", look=cab["look"])
 
 
+def rows(path: Path) -> list[dict[str, str]]:
+    """The rows of a table."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def wanted_ratio(cab: Message) -> float:
     """The setting of the lever by somebody who knows the train and looks at nothing but limit and stop."""
     speed, way = cab["speed_mps"], cab["stop_m"] - cab["s_m"]
@@ -207,3 +223,56 @@ def session_of(design: Path, folder: Path, who: int = 1) -> Iterator[tuple[str, 
     assert not thread.is_alive()
     if failed:
         raise failed[0]
+
+
+def at_once(takes_part: Callable[[str, Barrier], list[Message]]) -> list[list[Message]]:
+    """Let P1 and P2 take part at the same time; returns what `takes_part` returns, the settings of their levers.
+
+    They wait for each other with the barrier; a failure of one ends the wait of the other.
+    """
+    ready = Barrier(2)
+
+    def part(who: str) -> list[Message]:
+        try:
+            return takes_part(who, ready)
+        except BaseException:
+            ready.abort()
+            raise
+
+    with ThreadPoolExecutor(2) as both:
+        return list(both.map(part, ("P1", "P2")))
+
+
+def check_at_once(design: Path, out: Path, levers: list[list[Message]]) -> None:
+    """Of two sessions of two trials at the same time, each recording has only the lever of its page, and nothing is
+    mixed in journals and tables."""
+    planned = {(one.who, one.position): one for one in trials_of(read_design(design)) if one.who <= 2}
+    trials = rows(out / "trials.csv")
+    assert [(row["participant"], row["position"]) for row in trials] == [
+        ("sub-01", "1"), ("sub-01", "2"), ("sub-02", "1"), ("sub-02", "2"),
+    ]  # fmt: skip
+    began = {}
+    for row in trials:
+        who = int(row["participant"][-2:])
+        trial = planned[who, int(row["position"])]
+        assert (row["trial"], row["condition"], row["seed"]) == (str(trial.number), trial.condition, str(trial.seed))
+        journal = read_journal(out / "people" / f"P{who:02d}" / "session.jsonl")[0]
+        (driven,) = [one for one in journal if one["what"] == "driven" and one["trial"] == trial.number]
+        (left,) = [one for one in journal if one["what"] == "left" and one["step"] == f"trial-{trial.position}"]
+        began[who, trial.position] = left["wall_ns"], driven["wall_ns"]
+        assert float(row["energy_kwh"]) == driven["measures"]["energy_kwh"]
+        mine = [one["what"] for one in journal if one.get("trial") == trial.number]
+        assert row["braked"] == str(int("braked" in mine))
+        assert {one["trial"] for one in journal if "trial" in one} == {
+            t.number for t in planned.values() if t.who == who
+        }
+        recording = read_recording(out / recording_file(trial))
+        assert recording.complete
+        own = {round(one["at"] * 1e6): one["ratio"] for one in levers[who - 1]}
+        actions = [one.message for one in recording.of(ACTION) if one.message.device != das_pb2.Action.DEVICE_DESK]
+        assert len(actions) > 10
+        assert all(own[one.browser_ns] == pytest.approx(one.lever_ratio) for one in actions)
+    for position in (1, 2):
+        (one, one_ended), (other, other_ended) = began[1, position], began[2, position]
+        assert max(one, other) < min(one_ended, other_ended)
+    assert {row["participant"] for row in rows(out / "answers.csv")} == {"sub-01", "sub-02"}

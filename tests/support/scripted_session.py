@@ -28,7 +28,7 @@ class ScriptedSession:
     def __init__(self) -> None:
         self.greeting: list[dict[str, Any]] = []
         self.said: list[dict[str, Any]] = []
-        self.shown: dict[str, Any] = {"participant": "P07", "others": [], "events": []}
+        self.shown: dict[str, Any] = {"language": "en", "participant": "P07", "others": [], "events": []}
         self.asked: list[WatcherSaid] = []
         self.watchers = Watchers(lambda: self.shown, self.asked.append)
         self._box: Outbox | None = None

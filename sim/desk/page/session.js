@@ -125,8 +125,8 @@ export class Session {
     if (this.drawn === words.name) return;
     this.drawn = words.name;
     fill($("progress"), this.progress());
-    fill($("title"), step.title ?? "");
-    fill($("text"), step.kind === "ready" ? words.signs : "");
+    fill($("title"), step.title || (words[`step_${step.about}`] ?? ""));
+    fill($("text"), { ready: words.signs, end: words.goodbye }[step.kind] ?? "");
     $("prose").innerHTML = step.html ?? ""; // the only markup from outside the page: rendered by the server, without HTML
     $("items").replaceChildren(...(step.items ?? []).map((one) => this.item(one)));
     $("keys").replaceChildren(...(step.kind === "ready" ? keys(step.tasks ?? []) : []));

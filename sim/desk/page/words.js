@@ -153,6 +153,14 @@ const ROWS = {
     "Hebel ziehen oder Gamepad benutzen",
     "faire glisser le manipulateur ou manette",
   ],
+  step_consent: ["Consent", "Einwilligung", "Consentement"],
+  step_instructions: ["Instructions", "Anleitung", "Instructions"],
+  step_practice: ["Practice", "Übungsfahrt", "Trajet d’entraînement"],
+  step_trial: ["Next trip", "Nächste Fahrt", "Trajet suivant"],
+  step_break: ["Break", "Pause", "Pause"],
+  step_debriefing: ["About this study", "Zu dieser Studie", "À propos de cette étude"],
+  step_end: ["Thank you", "Vielen Dank", "Merci"],
+  goodbye: ["You can close this page.", "Sie können diese Seite schliessen.", "Vous pouvez fermer cette page."],
   quit: ["Stop taking part", "Teilnahme beenden", "Arrêter de participer"],
   really: ["Stop taking part?", "Teilnahme wirklich beenden?", "Arrêter de participer\u00a0?"],
   really_why: [
@@ -197,7 +205,9 @@ const ROWS = {
   place: ["Moment of the drive", "Moment der Fahrt", "Moment du trajet"],
 };
 
-// The words by language.
-export const WORDS = Object.fromEntries(
-  LANGUAGES.map((lang, i) => [lang, Object.fromEntries(Object.entries(ROWS).map(([key, words]) => [key, words[i]]))]),
-);
+// The words of rows by language.
+export const spoken = (rows) =>
+  Object.fromEntries(
+    LANGUAGES.map((lang, i) => [lang, Object.fromEntries(Object.entries(rows).map(([key, words]) => [key, words[i]]))]),
+  );
+export const WORDS = spoken(ROWS);

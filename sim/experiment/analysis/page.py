@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -231,25 +232,13 @@ def level_rows(found: StudyFindings) -> list[tuple[str, str]]:
     return [(name, text) for name, text in words if text]
 
 
-class GroupRow(NamedTuple):
-    """The difference between two groups of drivers as texts: `means` has the means of both groups, with 95 % intervals.
+def group_row(one: FoundDifference) -> tuple[str, ...]:
+    """The texts of a difference between two groups of drivers, in a measure or in a condition's effect on a measure.
 
-    `inside` counts the drivers of the second group within the range of the first; the number in brackets is expected
-    if both are alike.
+    They are: what differs, and its unit; the mean of each group, with its 95 % interval; the difference; its interval,
+    p and effect size; and how many drivers of the second group are within the range of the first, with the number
+    expected if both are alike in brackets.
     """
-
-    what: str
-    unit: str
-    means: tuple[str, ...]
-    difference: str
-    interval: str
-    p: str
-    size: str
-    inside: str
-
-
-def group_row(one: FoundDifference) -> GroupRow:
-    """The texts of a difference between two groups, in a measure or in a condition's effect on a measure."""
     shown, estimate, compared, groups = one.shown, one.estimate, one.comparison, one.groups
     assert groups is not None
     effect = compared.factor != DRIVER
@@ -257,28 +246,28 @@ def group_row(one: FoundDifference) -> GroupRow:
     value = shown.difference if effect else shown.value
     means, intervals = (groups.a.mean(), groups.b.mean()), (student(groups.a), student(groups.b))
     inside, others = int(((groups.b >= groups.a.min()) & (groups.b <= groups.a.max())).sum()), len(groups.b)
-    return GroupRow(
-        what=f"{shown.name}{f': {where}' if where else ''}",
-        unit=shown.difference_unit if effect or shown.unit == shown.difference_unit else f"{shown.unit}; points",
-        means=tuple(
+    unit = shown.difference_unit if effect or shown.unit == shown.difference_unit else f"{shown.unit}; points"
+    return (
+        f"{shown.name}{f': {where}' if where else ''} ({unit})",
+        *(
             value(mean) + (f" ({value(low)} to {value(high)})" if math.isfinite(low) else "")
             for mean, (low, high) in zip(means, intervals, strict=True)
         ),
-        difference=shown.difference(estimate.mean),
-        interval=shown.range(estimate.interval),
-        p=probability(one.corrected),
-        size=_size(estimate.size),
-        inside=f"{inside} of {others} ({others * (len(groups.a) - 1) / (len(groups.a) + 1):.1f})",
+        shown.difference(estimate.mean),
+        shown.range(estimate.interval),
+        probability(one.corrected),
+        _size(estimate.size),
+        f"{inside} of {others} ({others * (len(groups.a) - 1) / (len(groups.a) + 1):.1f})",
     )
 
 
 def group_words(one: FoundDifference, levels: Sequence[str]) -> str:
     """The difference between two groups of drivers in a sentence."""
-    row = group_row(one)
-    known = f" ({row.interval}), corrected p {row.p}, d {row.size}" if row.interval else ", without an interval"
+    what, *means, difference, interval, p, size, inside = group_row(one)
+    known = f" ({interval}), corrected p {p}, d {size}" if interval else ", without an interval"
     return (
-        f"{row.what} ({row.unit}): {levels[0]} {row.means[0]}, {levels[1]} {row.means[1]}, difference {row.difference}"
-        f"{known}; within the range of {levels[0]}: {row.inside} of {levels[1]}"
+        f"{what}: {levels[0]} {means[0]}, {levels[1]} {means[1]}, difference {difference}"
+        f"{known}; within the range of {levels[0]}: {inside} of {levels[1]}"
     )
 
 
@@ -287,23 +276,14 @@ def page(found: StudyFindings, together: Together | None = None) -> str:
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     style = Path(sim.review.__path__[0])  # all pages share their style
-    environment = Environment(
-        loader=FileSystemLoader([Path(__file__).parent, style]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-    )
+    files = FileSystemLoader([Path(__file__).parent, style])
+    environment = Environment(loader=files, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     content = environment.get_template(TEMPLATE).render(
         found=found,
         design=found.study.design,
         version=__version__,
         theme=LIGHT,
-        hangs_on=hangs_on,
-        in_short=in_short,
-        trial_rows=trial_rows,
-        design_rows=design_rows,
-        level_rows=level_rows,
-        probability=probability,
+        **{one.__name__: one for one in (hangs_on, in_short, trial_rows, design_rows, level_rows, probability)},
         size=_size,
         difference_images=_difference_images(found),
         varying=[one for one in found.measures if _varies(found, one)],
@@ -400,14 +380,9 @@ def _condition_dict(one: ConditionValues) -> dict[str, Any]:
 
 
 def _difference_dict(one: FoundDifference, alpha: float) -> dict[str, Any]:
-    comparison, estimate, pairs = one.comparison, one.estimate, one.pairs
+    estimate, pairs = one.estimate, one.pairs
     return {
-        "name": comparison.name,
-        "measure": comparison.measure,
-        "factor": comparison.factor,
-        "a": comparison.a,
-        "b": comparison.b,
-        "where": dict(comparison.where),
+        **asdict(one.comparison),
         "mean": estimate.mean,
         "interval": estimate.interval,
         "method": estimate.method,

@@ -10,7 +10,7 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from statistics import fmean
 from typing import Any, Final
@@ -119,23 +119,20 @@ def tables_held(folder: Path) -> Iterator[None]:
     Raises FolderTakenError if another command has it for longer than `TAKEN_S`.
     """
     end = time.monotonic() + TAKEN_S
-    while True:
-        held = folder_held(folder, "another command is at work here")
-        try:
-            held.__enter__()
-            break
-        except FolderTakenError:
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.02)
-    try:
+    with ExitStack() as held:
+        while True:
+            try:
+                held.enter_context(folder_held(folder, "another command is at work here"))
+                break
+            except FolderTakenError:
+                if time.monotonic() > end:
+                    raise
+                time.sleep(0.02)
         yield
-    finally:
-        held.__exit__(None, None, None)
 
 
 def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, Any]]:
-    """The measures of the driven trials by their numbers, with those of questionnaires and tasks.
+    """The measures of the driven trials by their numbers, with those of questionnaires and tasks, and `braked`.
 
     Of a trial that was driven several times, the last drive counts. The score of a questionnaire that was answered
     several times in it is the mean.
@@ -151,6 +148,7 @@ def _measures(design: Design, entries: Sequence[Entry]) -> dict[int, dict[str, A
             scores.setdefault(name, []).append(value)
         every = {**drive["measures"], **{name: fmean(values) for name, values in scores.items()}, **task_measures(mine)}
         found[number] = {name: every.get(name) for name in design.measures}
+        found[number]["braked"] = int(any(one["what"] == "braked" for one in mine))
     return found
 
 

@@ -22,7 +22,6 @@ import numpy as np
 import uvicorn
 from markdown_it import MarkdownIt
 
-from das.advice.wording import Language
 from das.bus.session import endpoint, free_ports
 from das.command_line.printing import say, warn
 from das.command_line.process import interrupted_by_termination
@@ -32,13 +31,13 @@ from das.domain.route import Route
 from das.domain.units import NS
 from sim.desk.host import address_of, listening, new_token
 from sim.desk.line import hello_of
-from sim.desk.messages import Acted, Answered, DeskGiven, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
+from sim.desk.messages import Acted, Answered, DeskBus, Marked, PageSettings, Ready, Said, Stopped, WentOn, encoded
 from sim.desk.peer import MARKED, SILENCE
 from sim.desk.server import WATCH, Desk, PageLink, server_of
 from sim.experiment.design import Design
-from sim.experiment.driving import StudyTrial
-from sim.experiment.people.forms import Form, load_form, text_for
-from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
+from sim.experiment.driving import AtDesk, StudyTrial
+from sim.experiment.people.forms import load_form, text_for
+from sim.experiment.people.journal import JOURNAL, PersonJournal, read_journal, write_tables
 from sim.experiment.people.steps import (
     CONSENT_ITEM,
     NO,
@@ -66,19 +65,6 @@ LOOK_S: Final = 0.2
 """Interval (s) at which the session checks whether a trial is still running."""
 GOES_S: Final = 3.0
 """Time (s) for which the last step shows before the command ends."""
-_WORDS: Final = {
-    "consent": ("Consent", "Einwilligung", "Consentement"),
-    "instructions": ("Instructions", "Anleitung", "Instructions"),
-    "practice": ("Practice", "Übungsfahrt", "Trajet d'entraînement"),
-    "trial": ("Next trip", "Nächste Fahrt", "Trajet suivant"),
-    "break": ("Break", "Pause", "Pause"),
-    "debriefing": ("About this study", "Zu dieser Studie", "À propos de cette étude"),
-    "end": ("Thank you", "Vielen Dank", "Merci"),
-}
-"""Titles of steps in English, German and French."""
-_GOODBYE: Final = (
-    "You can close this page.", "Sie können diese Seite schliessen.", "Vous pouvez fermer cette page.",
-)  # fmt: skip
 _EVENTS: Final = ("mark", "note", "left", "braked", "driven", "interrupted", "stopped")
 """The entries of the journal that the experimenter's page shows."""
 _markdown: Final = MarkdownIt("commonmark", {"html": False})
@@ -118,17 +104,15 @@ class RunningTrial:
         scenario, places = setting.read_scenario(), [endpoint(port) for port in free_ports(2)]
         line = lay_out(scenario)
         hello = hello_of(line, scenario.departure_ns, sitting.language, page) | {"session": True}
-        given = DeskGiven(
-            door=-1, token="", scenario="", train=TRAIN, language=sitting.language, connect=tuple(places),
-            lsl=sitting.name if sitting.lsl else "",
-        )  # fmt: skip
+        bus = DeskBus(train=TRAIN, connect=tuple(places), lsl=sitting.name if sitting.lsl else "")
         self._row = sitting.own / "trial.json"
         self._row.unlink(missing_ok=True)
+        desk = AtDesk(times_real=plan.pace, driver_at=places[0], recorder_at=places[1], metadata=page.metadata)
         settings = TrialGiven(
-            design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, page=page,
-            driver_at=places[0], recorder_at=places[1], row=str(self._row), command=sitting.command,
+            design=str(sitting.design.source), folder=str(sitting.folder), number=trial.number, row=str(self._row),
+            command=sitting.command, desk=desk,
         )  # fmt: skip
-        self.desk = Desk(given, hello, line[0], link)
+        self.desk = Desk(bus, hello, line[0], link)
         probes_s = probe_times(trial.seed, plan.probes, _least_s(line[0], line[1].max_speed_mps))
         self.tasks, self.probe = SideTasks(plan.tasks, trial.seed, probes_s), 0
         """The tasks beside driving; the number of the probe that stops the run (0: none)."""
@@ -244,7 +228,7 @@ class Session:
         trial = now.step.trial
         cab = None if self.trial is None else self.trial.desk.cab
         return {
-            "participant": self.sitting.name, "step": now.step.id, "of": now.of,
+            "language": self.sitting.language, "participant": self.sitting.name, "step": now.step.id, "of": now.of,
             "practice": now.step.about == "practice", "trial": now.done + (now.step.about == "trial"),
             "condition": "" if trial is None else trial.condition,
             "driven_s": None if self.trial is None else 0.0 if cab is None else cab["clock_s"], "cab": cab,
@@ -260,26 +244,26 @@ class Session:
         entries = self._journal.entries
         for one in entries:
             if one["what"] in _EVENTS:
-                said = one.get("text", one.get("why", ""))
-                at_s = (one["wall_ns"] - entries[0]["wall_ns"]) * NS
-                what = "continued" if one["what"] == "left" else one["what"]
-                yield {"at_s": at_s, "text": f"{one['step']}: {what} {said}".strip()}
+                at_s, said = (one["wall_ns"] - entries[0]["wall_ns"]) * NS, one.get("text", one.get("why", ""))
+                yield {"at_s": at_s, "step": one["step"], "what": one["what"], "said": said}
 
     def _participants(self) -> Iterator[dict[str, Any]]:
-        """The participants who have begun, and what each has done; only journals that have grown are read."""
-        for who, path in journal_files(self.sitting.folder).items():
-            with suppress(FileNotFoundError):  # the participant is being forgotten
+        """The participants of the design, and what each has done; only journals that have grown are read."""
+        for who in range(1, self.sitting.design.people.count + 1):
+            path, length = self.sitting.folder / PEOPLE_FOLDER / pseudonym(who) / JOURNAL, 0
+            with suppress(FileNotFoundError):
                 length = path.stat().st_size
-                if self._others.get(who, (-1,))[0] != length:
-                    self._others[who] = length, self._stands(who, path)
-                yield {"participant": pseudonym(who), **self._others[who][1]}
+            if self._others.get(who, (-1,))[0] != length:
+                stands = self._stands(who, path) if length else {"done": 0, "of": 0, "state": "not_begun"}
+                self._others[who] = length, stands
+            yield {"participant": pseudonym(who), **self._others[who][1]}
 
     def _stands(self, who: int, path: Path) -> dict[str, Any]:
         try:
             now = standing(self._steps_of(who), read_journal(path)[0], self.plan)
         except DasError as error:  # the session of this participant goes on
             warn(str(error))
-            return {"done": 0, "of": 0, "state": "the journal was altered"}
+            return {"done": 0, "of": 0, "state": "altered"}
         return {"done": now.done, "of": now.of, "state": now.step.id}
 
     def _add(self, step: SessionStep, what: str, **more: Any) -> None:
@@ -330,7 +314,7 @@ class Session:
             return
         braked = cab["interlock"] == SILENCE and cab["speed_mps"] > 0
         if braked and not trial.braked:
-            self._add(self.standing.step, "braked", clock_s=cab["clock_s"], why="by the dead-man brake")
+            self._add(self.standing.step, "braked", clock_s=cab["clock_s"])
         trial.braked = braked
         for event in trial.tasks.look(cab["clock_s"], time.time() * 1000):
             self._tell(event)
@@ -345,8 +329,7 @@ class Session:
 
     def _tell(self, event: TaskEvent) -> None:
         """Write an event of a task to the journal, and show it."""
-        entry = event.entry
-        self._add(self.standing.step, entry.pop("what"), **entry)
+        self._add(self.standing.step, "act", **event._asdict())
         self.link.put(event.message)
 
     def _stop(self) -> None:
@@ -374,23 +357,15 @@ class Session:
         if now.step.kind is StepKind.END and self.link.is_open:
             self.over.set()
         form, language = self._forms.get(now.step.form), self.sitting.language
-        title, html = self._words(now.step, form)
+        title, html = self._texts.get(now.step.id, ("", ""))
+        if form is not None:
+            title, html = text_for(form.title, language), _markdown.render(text_for(form.intro, language))
         return {
-            "t": "step", "id": now.step.id, "kind": str(now.step.kind), "title": title, "html": html,
-            "language": language, "done": now.done, "of": 0 if now.step.about == "practice" else now.of,
+            "t": "step", "id": now.step.id, "kind": str(now.step.kind), "about": now.step.about, "title": title,
+            "html": html, "language": language, "done": now.done, "of": 0 if now.step.about == "practice" else now.of,
             "items": [] if form is None else [item.words(language) for item in form.items], "given": now.given,
             "wait_s": now.wait_s(time.time_ns()), "tasks": self.plan.tasks,
         }  # fmt: skip
-
-    def _words(self, step: SessionStep, form: Form | None) -> tuple[str, str]:
-        """The title and the HTML of a step."""
-        language = self.sitting.language
-        if form is not None:
-            return text_for(form.title, language), _markdown.render(text_for(form.intro, language))
-        number = list(Language).index(Language(language))
-        own = _markdown.render(_GOODBYE[number]) if step.kind is StepKind.END else ""
-        title, html = self._texts.get(step.id, ("", own))
-        return title or _WORDS[step.about][number], html
 
     async def _drive(self, step: SessionStep) -> None:
         """Run a trial to its end, and show the next step."""

@@ -182,17 +182,18 @@ def _is_done(step: SessionStep, entries: Sequence[Entry], plan: PeoplePlan) -> b
 def described(design: Design) -> str:
     """The steps of a participant, counted, in one line."""
     plan, steps = plan_of(design), steps_of(design, 1)
-    practice, trials = (sum(step.about == about for step in steps) for about in ("practice", "trial"))
+    shown = [str(step.trial.setting.presentation) for step in steps if step.trial and step.about == "practice"]
+    practice, trials = len(shown), sum(step.about == "trial" for step in steps)
     breaks = sum(step.kind is StepKind.BREAK for step in steps)
     band, hold = f"±{plan.practice_criterion_mps / KMH:g} km/h", f"{plan.practice_hold_s:g} s"
     drives = f"{plan.practice_most} {'drive' if plan.practice_most == 1 else 'drives'}"
     until = f" ({band} for {hold}, or {drives})" if plan.practice_criterion_mps else ""
-    others = f" after {practice - 1} other practice {'trial' if practice == 2 else 'trials'}" if practice > 1 else ""
+    others = f", after practice with {', '.join(shown[:-1])}" if practice > 1 else ""
     said = [
         plan.consent and "consent",
         plan.instructions and "instructions",
         ", ".join(plan.before),
-        practice and f"practice{until}{others}",
+        practice and f"practice with {shown[-1]}{until}{others}",
         f"{trials} trials" + (f", each with {', '.join(plan.after_trial)}" if plan.after_trial else ""),
         ", ".join(plan.tasks),
         plan.probes and f"{plan.probes} {'probe' if plan.probes == 1 else 'probes'} in each ({plan.probe})",

@@ -2,7 +2,7 @@
 
 All times are drawn from the seed of the trial's day, so that every participant on that day has the same. They are times
 on the clock of the run, which stands during a probe. Shown requests and answers are entries of the session's journal
-(`TaskEvent.entry`), from which `task_measures` computes the measures of a trial.
+(`act`, with the fields of a `TaskEvent`), from which `task_measures` computes the measures of a trial.
 """
 
 from __future__ import annotations
@@ -55,11 +55,6 @@ class TaskEvent(NamedTuple):
     event: str
     wall_ms: float
     drawn_ms: float = 0.0
-
-    @property
-    def entry(self) -> dict[str, Any]:
-        """The entry of the journal, without its step and time of writing."""
-        return {"what": "act", **self._asdict()}
 
     @property
     def message(self) -> dict[str, Any]:

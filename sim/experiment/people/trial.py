@@ -7,18 +7,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
-from das.command_line.process import interrupted_by_termination
-from das.domain.errors import DasError
 from das.domain.files.writing import make_folder, write_whole
-from sim.desk.messages import SETTINGS_KEY, PageSettings, encoded
+from sim.desk.messages import given_to
 from sim.drivers.kinds import DESK
 from sim.experiment.design import check_frozen, load_design, resolved
 from sim.experiment.driving import AtDesk, Driven, drive
@@ -27,7 +23,7 @@ from sim.experiment.people.steps import plan_of
 from sim.experiment.runner import JobRecording
 from sim.experiment.study_files import recording_file
 from sim.experiment.trials import trials_of
-from sim.world.lockstep import end_with_parent
+from sim.world.lockstep import run_child
 from sim.world.loop import TICK_S
 
 GIVEN: Final = "DAS_TRIAL"
@@ -35,16 +31,14 @@ GIVEN: Final = "DAS_TRIAL"
 
 
 class TrialGiven(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings of a trial: design and study's folder, number of the trial, endpoints, and the files to write."""
+    """The settings of a trial: design and study's folder, number of the trial, the desk, and the files to write."""
 
     design: str
     folder: str
     number: int
-    driver_at: str
-    recorder_at: str
     row: str
     command: str
-    page: PageSettings
+    desk: AtDesk
 
 
 def driven_row(given: TrialGiven) -> dict[str, Any]:
@@ -59,13 +53,9 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
     plan, trial = plan_of(design), trials_of(design)[given.number - 1]
     trial = replace(trial, setting=replace(trial.setting, driver=DESK))
     warm_up()
-    desk = AtDesk(
-        times_real=plan.pace, driver_at=given.driver_at, recorder_at=given.recorder_at,
-        metadata={SETTINGS_KEY: encoded(given.page)},
-    )  # fmt: skip
     record = JobRecording(Path(given.folder) / recording_file(trial), given.command)
     make_folder(record.file.parent)
-    driven = drive(trial, design.people.population, record, keep=needs_table(design.measures), desk=desk)
+    driven = drive(trial, design.people.population, record, keep=needs_table(design.measures), desk=given.desk)
     held_s = longest_held_s(driven, plan.practice_criterion_mps)
     return {"measures": measured(driven, list(design.measures)), "held_s": held_s}
 
@@ -83,17 +73,12 @@ def longest_held_s(driven: Driven, band_mps: float) -> float:
 
 def main() -> None:
     """Drive the trial; a session that ends stops it, and the recording remains readable."""
-    end_with_parent()
-    try:
-        with interrupted_by_termination():
-            given = msgspec.json.decode(os.environ.pop(GIVEN, ""), type=TrialGiven)
-            write_whole(Path(given.row), json.dumps(driven_row(given)).encode())
-    except msgspec.MsgspecError as error:
-        sys.exit(f"error: a trial is started by das-sim experiment desk, not by itself ({error})")
-    except DasError as error:
-        sys.exit(f"error: {error}")
-    except KeyboardInterrupt:
-        sys.exit(130)
+
+    def drive_given() -> None:
+        given = given_to(GIVEN, TrialGiven, "das-sim experiment desk")
+        write_whole(Path(given.row), json.dumps(driven_row(given)).encode())
+
+    run_child(drive_given)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
 from sim.desk.messages import heard
-from sim.desk.server import FILES, WATCH, Outbox
+from sim.desk.server import FILES, WATCH, OpenPages
 
 STATE_S: Final = 1.0
 """Interval (s) of the states; a change is sent at once."""
@@ -46,7 +46,7 @@ _decoded: Final = partial(heard, decoder=msgspec.json.Decoder(WatcherSaid))
 
 
 class Watchers:
-    """The open pages of the experimenter; `changed` sends the state at once, after a change in the session.
+    """The pages of the experimenter; `changed` sends the state at once, after a change in the session.
 
     `state` returns the content of the message `state`, and `take` is called with what a page says, both in the thread
     of the server's loop.
@@ -54,7 +54,7 @@ class Watchers:
 
     def __init__(self, state: Callable[[], dict[str, Any]], take: Callable[[WatcherSaid], None]) -> None:
         self._state, self._take = state, take
-        self._boxes: set[Outbox] = set()
+        self._pages = OpenPages()
 
     def routes(self) -> list[BaseRoute]:
         """The routes of the page; they must precede those of the participant's page."""
@@ -66,22 +66,20 @@ class Watchers:
 
     def changed(self) -> None:
         """Send the state to every page."""
-        if self._boxes:
-            state = {"t": "state", **self._state()}
-            for box in self._boxes:
-                box.put(state)
+        if self._pages:
+            self._pages.put(self._message())
 
     async def _connect(self, socket: WebSocket) -> None:
-        box = Outbox(socket)
-        self._boxes.add(box)
         telling = asyncio.create_task(self._tell())
         try:
-            await box.serve(self._take, _decoded)
+            await self._pages.serve(socket, self._message(), self._take, _decoded)
         finally:
-            self._boxes.discard(box)
             telling.cancel()
+
+    def _message(self) -> dict[str, Any]:
+        return {"t": "state", **self._state()}
 
     async def _tell(self) -> None:
         while True:
-            self.changed()
             await asyncio.sleep(STATE_S)
+            self.changed()

@@ -24,7 +24,7 @@ from websockets.sync.client import ClientConnection
 from das.bus import das_pb2
 from das.domain.errors import DasError
 from sim.desk.host import listening
-from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskGiven, encoded, heard
+from sim.desk.messages import GIVEN, LARGEST_BYTES, DeskBus, DeskGiven, encoded, heard
 from sim.desk.server import BAD, FILES, FLOOD, MOST_AT_ONCE, OF_WATCH, TAKEN, Allowance, Outbox
 from sim.drivers.kinds import Presentation
 from sim.world.lockstep import Process
@@ -341,11 +341,20 @@ def test_a_slow_page_loses_old_cabs_and_nothing_else() -> None:
     assert socket.closed == TAKEN
 
 
+def test_a_page_that_reads_nothing_keeps_only_the_newest_of_each_kind() -> None:
+    box = Outbox(SlowSocket())  # type: ignore[arg-type]
+    for number in range(1000):
+        for kind in ("hello", "phase", "cab", "state"):
+            box.put({"t": kind, "n": number})
+    assert box._waiting == [{"t": kind, "n": 999} for kind in ("hello", "phase", "cab", "state")]
+
+
 def test_a_server_that_cannot_join_the_bus_ends_and_says_why(tmp_path: Path) -> None:
     """Or the run would wait for its driver for good, and the page for the run."""
     lost = str(tmp_path / "desk.json5")
     with listening(0) as door:
-        given = DeskGiven(door=door.fileno(), token=TOKEN, scenario="clear-day", train="T1", language="en", bus=lost)
+        bus = DeskBus(train="T1", file=lost)
+        given = DeskGiven(door=door.fileno(), token=TOKEN, scenario="clear-day", language="en", bus=bus)
         child = Process("desk", "sim.desk", (), given={GIVEN: encoded(given)}, door=door.fileno())
         with child, pytest.raises(DasError) as raised:
             until(child.check, "the end of the server")

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from functools import cache
 from typing import Any
+from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 pytest.importorskip("starlette", reason="the extra desk is not installed")
@@ -19,8 +23,10 @@ from das.bus import das_pb2
 from das.bus.recording import Recording
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CAB, CONTROL, DELAY, JOURNEY, POSITION, RESTRICTION, Received, Topic
+from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
-from sim.desk.watch import CLOCK_RUNS_ON_S, WatchedTrain
+from sim.desk.messages import PageSettings
+from sim.desk.watch import CLOCK_RUNS_ON_S, WatchedTrain, WatchServer
 from sim.drivers.kinds import DriverKind, Presentation
 from tests.support.desk_server import next_of, until
 from tests.support.flat_days import flat_day
@@ -227,6 +233,39 @@ def test_no_message_ends_the_page(figure: float, time_ns: int, simulated: bool) 
     assert told.cab
 
 
+class OpenServer:
+    """A server that serves until it is asked to stop."""
+
+    should_exit = False
+
+    async def serve(self, sockets: object) -> None:
+        while not self.should_exit:
+            await asyncio.sleep(0.01)
+
+
+def test_the_command_ends_if_its_page_can_no_longer_be_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    told, bus = Told(), Mock(train="T1", receive=lambda *_, **__: time.sleep(0.01))
+    monkeypatch.setattr(told.train, "cab", Mock(side_effect=DasError("a fault of the page")))
+    with pytest.raises(DasError, match="a fault of the page"):
+        asyncio.run(WatchServer(told.train, bus, "en", PageSettings()).run(OpenServer(), None))
+
+
+def test_of_a_flood_of_advice_only_the_newest_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    (told, _, advice), server = advised(), OpenServer()
+    coming, drawn = iter([Received(ADVICE, "", advice)] * 2000), Mock(return_value="silent")
+
+    def receive(*_: object, **__: object) -> Received | None:
+        server.should_exit = (received := next(coming, None)) is None
+        return received
+
+    monkeypatch.setattr(told.train, "cab", drawn)
+    before = told.train._advices
+    bus = Mock(train="T1", receive=receive, trains=list)
+    asyncio.run(WatchServer(told.train, bus, "en", PageSettings()).run(server, None))
+    assert told.train._advices == before + 2000
+    assert drawn.call_count < 200
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -305,3 +344,111 @@ def test_a_simulator_is_advised_over_its_bridge_and_no_advice_is_shown_for_anoth
         user.kill()
         user.communicate()
         assert next_of(page, "phase") == {"t": "phase", "phase": "waiting", "missing": "silent", "others": ""}
+
+
+class Node:
+    """A node and a simulator by hand on a real bus: they tell where a train is now, and give it advice for that place.
+
+    `flood` sends, for a time, positions, advice, journeys, and payloads that are no messages.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        _, position, advice = advised()
+        journey = recorded().of(JOURNEY)[0].message
+        self._bus, self._position, self._advice, self._journey = bus, position, advice, das_pb2.Journey()
+        self._journey.CopyFrom(journey)
+        for stop in self._journey.stops:
+            stop.arrival_ns += time.time_ns() - advice.time_ns
+            stop.departure_ns += time.time_ns() - advice.time_ns
+        self.s_m = advice.s_m
+
+    def begin(self) -> None:
+        """Send the journey."""
+        self._bus.publish(JOURNEY, changed(self._journey, time_ns=time.time_ns()))
+
+    def move(self) -> None:
+        """Send a position, a little further on."""
+        self.s_m += 0.001
+        self._bus.publish(POSITION, changed(self._position, time_ns=time.time_ns(), s_m=self.s_m))
+
+    def advise(self) -> None:
+        """Send advice for this place."""
+        now_ns = time.time_ns()
+        self._bus.publish(ADVICE, changed(self._advice, time_ns=now_ns, valid_until_ns=now_ns + 3 * S, s_m=self.s_m))
+
+    def flood(self, for_s: float, *, advice: bool) -> None:
+        junk = [self._bus._declare(topic) for topic in (POSITION, ADVICE, JOURNEY, CONTROL, DELAY, RESTRICTION)]
+        rng, end_s, sent = np.random.default_rng(5), time.monotonic() + for_s, 0
+        while time.monotonic() < end_s:
+            self.move()
+            if advice:
+                self.advise()
+            if sent % 5 == 0:
+                self.begin()
+                junk[sent % len(junk)].put(b"\xff" + rng.bytes(int(rng.integers(0, 40))))
+            sent += 1
+            time.sleep(0.001)
+
+
+CROWD = """
+import sys, time
+from das.bus import das_pb2
+from das.bus.session import Bus
+from das.bus.topics import POSITION
+mine, other, for_s, s_m = *sys.argv[1:3], *map(float, sys.argv[3:])
+with Bus("IC1", listen=mine) as a, Bus("IC2", listen=other) as b:
+    sent, end_s = 0, time.monotonic() + for_s
+    while time.monotonic() < end_s:
+        for bus, at_m in ((a, s_m), (b, 5000.0)):
+            bus.publish(POSITION, das_pb2.Position(time_ns=time.time_ns(), s_m=at_m, speed_mps=1.0))
+        sent += 1
+        time.sleep(0.0005)
+print(sent / for_s)
+"""
+"""Another program on the bus: about a thousand positions a second of a train, and as many of another one."""
+
+
+@pytest.mark.slow
+def test_floods_junk_another_train_and_a_lost_bus_leave_the_page_true() -> None:
+    """Also beside a page that reads nothing; advice that is not renewed disappears within 3 s in the flood."""
+    places = [endpoint(port) for port in free_ports(3)]
+    with watched("IC1", places) as visitor, visitor.open() as page, visitor.open():
+
+        def cab_after(wall_s: float) -> dict[str, Any]:
+            while True:
+                cab: dict[str, Any] = next_of(page, "cab")["cab"]
+                if cab["time_ns"] > wall_s * S:
+                    return cab
+
+        def reads_while(runs: Callable[[], object]) -> None:
+            while runs():  # or the server would close the socket
+                page.recv(timeout=20)
+
+        def drives(bus: Bus, then_silent_s: float) -> None:
+            """A train is advised in a flood, and then no longer, for a time."""
+            node = Node(bus)
+            flood = threading.Thread(target=node.flood, args=(6.0,), kwargs={"advice": True})
+            flood.start()
+            while not next_of(page, "cab")["cab"]["presentation"]:
+                assert flood.is_alive()
+            while flood.is_alive():
+                cab = next_of(page, "cab")["cab"]
+                assert cab["presentation"] == das_pb2.Cab.PRESENTATION_GUIDE
+                assert abs(cab["s_m"] - node.s_m) < 30.0
+            advised_s = time.time()
+            flood = threading.Thread(target=node.flood, args=(then_silent_s,), kwargs={"advice": False})
+            flood.start()
+            cab = cab_after(advised_s + 3.5)
+            assert cab["presentation"] == 0
+            assert abs(cab["s_m"] - node.s_m) < 30.0
+            reads_while(flood.is_alive)
+
+        words = [sys.executable, "-c", CROWD, *places[1:], "16", str(advised()[2].s_m)]
+        crowd = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+        with Bus("IC1", listen=places[0]) as bus:
+            drives(bus, 5.0)
+        reads_while(lambda: crowd.poll() is None)
+        assert float(crowd.communicate()[0]) > 300
+        until(lambda: next_of(page, "phase").get("missing") == "silent", "the silence")
+        with Bus("IC1", listen=places[0]) as bus:  # the bus is there again, and the node
+            drives(bus, 4.0)

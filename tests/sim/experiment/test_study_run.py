@@ -62,7 +62,7 @@ def designed(place: Path) -> Design:
 def test_the_table_has_a_row_for_every_trial(study: Path) -> None:
     table = pandas.read_csv(study / TRIALS_TABLE)
     assert list(table.columns) == [
-        *("trial", "participant", "session", "position", "practice", "condition", "presentation", "seed"),
+        *("trial", "participant", "session", "position", "practice", "braked", "condition", "presentation", "seed"),
         *("gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reversals"),
     ]
     assert list(table.trial) == [1, 2, 3, 4, 5, 6]
@@ -70,6 +70,8 @@ def test_the_table_has_a_row_for_every_trial(study: Path) -> None:
     assert list(table.position) == [1, 2, 3] * 2
     assert list(table.session) == ["ses-01", "ses-01", "ses-02"] * 2
     assert list(table.practice) == [1, 0, 0] * 2
+    assert list(table.presentation[table.practice == 1]) == ["speed-and-effort"] * 2
+    assert not table.braked.any()
     assert table.gap_to_optimum_ratio.between(0.0, 2.0).all()
     assert list(table.speed_rmse_mps.isna()) == list(table.presentation == "none")
 

@@ -72,7 +72,7 @@ def test_practice_comes_first_and_breaks_begin_sessions(designed: Designed) -> N
     assert [trial.session for trial in own] == [1, 1, 1, 2, 2]
     assert [trial.trips for trial in own] == [5, 6, 7, 8, 9]
     assert own[0].seed != own[2].seed
-    assert [trial.condition for trial in own] == ["0", "5", "0", "5", "10"]
+    assert [trial.condition for trial in own] == ["0", "0", "0", "5", "10"]
 
 
 def test_groups_meet_one_level_each_and_imbalance_is_said(designed: Designed) -> None:
@@ -118,3 +118,21 @@ def test_a_study_is_driven_line_by_line_and_balanced_within_a_line(designed: Des
     for one in (True, False):
         own = [number for number, flat in zip(numbers, lines, strict=True) if flat is one]
         assert own == sorted(own)
+
+
+@pytest.mark.parametrize(
+    ("count", "practised"),
+    [(1, "guide"), (2, "sheet guide"), (3, "none sheet guide"), (4, "guide none sheet guide")],
+)
+def test_each_presentation_is_practised_once_and_the_first_with_advice_last(
+    designed: Designed, count: int, practised: str
+) -> None:
+    """Whatever the order of the participant, and without a second practice of the guide that looks different."""
+    levels = ("none", "guide", "sheet"), (True, False)
+    text = f"{FLAT}[participants]\ncount = 8\n[procedure]\npractice_trials = {count}\n"
+    for name, values in zip(("presentation", "reason"), levels, strict=True):
+        text += f"[[factors]]\nname = '{name}'\nlevels = {str(list(values)).lower()}\n"
+    trials = [trial for trial in trials_of(designed(text)) if trial.practice]
+    for who in range(1, 9):
+        mine = [trial.levels for trial in trials if trial.who == who]
+        assert mine == [(one, "shown") for one in practised.split()]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import csv
 import json
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 from unittest.mock import Mock
 
@@ -31,15 +32,10 @@ from sim.experiment.people.session import Session, Sitting, _kept, _listening
 from sim.experiment.people.watching import WatcherNote
 from tests.support.desk_page import desk_command
 from tests.support.making import refusal
-from tests.support.people_study import Participant, session_of, study
+from tests.support.people_study import Participant, at_once, check_at_once, rows, session_of, study
 
 LABELS = ("guide", "presentation", "speed-and-effort", "four-mode", "_none", "people.toml", "Does the guide help")
 """Words that would tell a participant the condition or the purpose."""
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def journal(folder: Path, name: str = "P01") -> list[Any]:
@@ -134,7 +130,9 @@ def test_an_altered_journal_and_a_cut_door_of_others_stop_nobody(tmp_path: Path)
         page.goes_on(page.step("consent"), consent="no")
         page.step("end")
         others = experimenter.until(lambda one: one["t"] == "state" and one["step"] == "end")["others"]
-    assert {one["participant"]: one["state"] for one in others} == {"P01": "end", "P02": "the journal was altered"}
+    assert {one["participant"]: one["state"] for one in others} == {
+        "P01": "end", "P02": "altered", "P03": "not_begun", "P04": "not_begun",
+    }  # fmt: skip
 
 
 def test_text_of_the_laboratory_is_shown_without_its_html(tmp_path: Path) -> None:
@@ -165,7 +163,7 @@ def test_an_altered_journal_of_another_participant_and_a_full_disk(
     with PersonJournal(mine.own) as journal:
         session = Session(mine, journal)
         session.opened()
-        assert [one["state"] for one in session.state()["others"]] == ["consent", "the journal was altered"]
+        assert [one["state"] for one in session.state()["others"]] == ["consent", "altered", *["not_begun"] * 2]
         journal.add("consent", "left")
         assert session.state()["others"][0]["state"] == "instructions"
         full = DasError("session.jsonl: cannot be written (No space left on device)")
@@ -278,6 +276,27 @@ def command(design: Path, out: Path, *more: str) -> Iterator[tuple[Any, str]]:
         yield found
 
 
+def takes_part(design: Path, out: Path, who: str, ready: Barrier) -> list[dict[str, Any]]:
+    """The session of a participant, who departs when the other one does; returns the settings of the lever."""
+    arguments = (design.name, "-o", str(out), "--participant", who)
+    with desk_command(design.parent, *arguments, command=("experiment", "desk")) as (child, address):
+        with Participant(address) as page:
+            for name in ("trial-1", "trial-2"):
+                step = page.goes_until(name)
+                ready.wait(300)
+                page.goes_on(step)
+            page.goes_until("end")
+        child.wait(60)
+        assert child.returncode == 0
+    return [one for one in page.said if one["t"] == "lever"]
+
+
+@pytest.mark.nightly
+def test_two_participants_drive_at_the_same_time_and_nothing_is_mixed(tmp_path: Path) -> None:
+    design, out = study(tmp_path / "design", ("practice_trials = 1", "practice_trials = 0")), tmp_path / "out"
+    check_at_once(design, out, at_once(partial(takes_part, design, out)))
+
+
 @pytest.mark.nightly
 def test_a_killed_command_a_killed_trial_and_ctrl_c_lose_nothing(tmp_path: Path) -> None:
     """The command is killed in a trial, then the trial's process; then Ctrl-C ends the command between trials."""
@@ -331,9 +350,10 @@ def test_the_experimenter_sees_the_trial_marks_it_and_ends_it(tmp_path: Path) ->
             experimenter.say("abort")
             assert page.step()["id"] == "trial-2"  # the trial and its questionnaire are skipped
             state = experimenter.until(lambda one: one.get("step") == "trial-2")
-            texts = [one["text"] for one in state["events"]]
-            assert texts[-3:] == [
-                "trial-1: mark 1", "trial-1: note He yawns.", "trial-1: interrupted ended by the experimenter",
+            events = [(one["step"], one["what"], one["said"]) for one in state["events"]]
+            assert events[-3:] == [
+                ("trial-1", "mark", "1"), ("trial-1", "note", "He yawns."),
+                ("trial-1", "interrupted", "ended by the experimenter"),
             ]  # fmt: skip
         page.say("stop", at=1.0)
         page.goes_on(page.step("debriefing"))

@@ -76,8 +76,9 @@ def opened(browser: Any, visitor: Visitor, size: str = "desk") -> DeskPage:
 
 def step(kind: str, name: str = "", language: str = "en", **fields: Any) -> dict[str, Any]:
     """The message of a step."""
-    told = {"t": "step", "id": name or kind, "kind": kind, "title": kind.title(), "html": "", "done": 2, "of": 8}
-    return told | {"items": [], "given": {}, "wait_s": 0, "language": language} | fields
+    told = {"t": "step", "id": name or kind, "kind": kind, "title": "", "html": "", "done": 2, "of": 8}
+    about = {"ready": "trial", "text": "instructions"}.get(kind, kind)
+    return told | {"about": about} | {"items": [], "given": {}, "wait_s": 0, "language": language} | fields
 
 
 def form(name: str, language: str = "en", **fields: Any) -> dict[str, Any]:
@@ -138,12 +139,13 @@ def test_every_step_fits_can_be_read_and_pressed_in_every_language(browser: Any,
             step("consent", "", language, title="Study of displays", html=PROSE),
             step("ready", "", language, html=f"<p>{PROSE[3:90]}</p>", tasks=["pedal", "detection"]),
             step("break", "", language, wait_s=299),
-            step("end", "", language, html="<p>Thank you.</p>"),
+            step("end", "", language),
             *(form(name, language, id=f"{name}-{language}") for name in FORMS),
-            step("form", f"own-{language}", language, items=OWN),
+            step("form", f"own-{language}", language, title="Own", items=OWN),
         ]
         for message in shown:
             show(page, session, message | {"id": f"{message['id']}-{language}"})
+            assert page.text("title")
             picture(page, f"{size}-{language}-{message['id']}")
             if message["kind"] == "form":
                 page.page.click("#go")
@@ -253,6 +255,7 @@ def test_consent_break_and_stop(browser: Any, served: Served) -> None:
     session.drop()
     until(lambda: len(session.of("stop")) > 1, "the end again after a lost connection")
     show(page, session, step("end"))
+    assert (page.text("title"), page.text("text")) == ("Thank you", "You can close this page.")
     assert not page.page.is_visible(".quit >> nth=1")
     assert page.errors == []
 
@@ -292,32 +295,52 @@ def test_beside_driving_tasks_are_shown_and_answered_and_the_end_is_open(browser
     assert page.errors == []
 
 
-def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(browser: Any, served: Served) -> None:
+WATCHED = {
+    "en": ("30 % brake", "14 s early", "3 of 8 measured", "2 of 8 trials, driving", "the journal was altered",
+           "not begun", "drive-3: stopped by the dead-man brake", "drive-3: mark 2", "Mark this moment"),
+    "de": ("30 % Bremse", "14 s zu früh", "3 von 8 gemessenen", "2 von 8 Fahrten, driving",
+           "das Journal wurde verändert", "nicht begonnen",
+           "drive-3: durch die Totmannbremse gebremst", "drive-3: Markierung 2", "Moment markieren"),
+    "fr": ("30 % frein", "14 s d’avance", "3 sur 8 mesurés", "2 trajets sur 8, driving", "le journal a été modifié",
+           "pas commencé", "drive-3: freiné par le dispositif de veille", "drive-3: marque 2", "Marquer ce moment"),
+}  # fmt: skip
+"""What the experimenter's page says in each language."""
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_experimenter_watches_marks_notes_and_ends_a_trial_by_keys(
+    browser: Any, served: Served, language: str
+) -> None:
     visitor, session = served
     session.shown |= {
+        "language": language,
         "step": "drive-3", "trial": 3, "of": 8, "condition": "guide_punctuality", "driven_s": 83.4,
         "cab": {"speed_mps": 22.1, "limit_mps": 27.8, "display_speed_mps": 25.0, "lever_ratio": -0.3, "late_s": -14.0,
                 "stop_m": 6000.0, "s_m": 2410.0},
-        "events": [{"at_s": 12.0, "text": "depart"}, {"at_s": 61.5, "text": "mark 2"}],
+        "events": [{"at_s": 12.0, "step": "drive-2", "what": "driven", "said": ""},
+                   {"at_s": 61.5, "step": "drive-3", "what": "mark", "said": "2"},
+                   {"at_s": 70.0, "step": "drive-3", "what": "braked", "said": ""}],
         "others": [{"participant": "P07", "done": 2, "of": 8, "state": "driving"},
-                   {"participant": "P08", "done": 8, "of": 8, "state": "finished"}],
+                   {"participant": "P08", "done": 8, "of": 8, "state": "end"},
+                   {"participant": "P09", "done": 0, "of": 0, "state": "altered"},
+                   {"participant": "P10", "done": 0, "of": 0, "state": "not_begun"}],
     }  # fmt: skip
     context = browser.new_context(viewport={"width": 1280, "height": 720})
     page = DeskPage(context, f"http://{visitor.host}/watch?token={WATCH_TOKEN}")
     page.until(lambda state: state["link"] == "up", "the link")
-    picture(page, "watch")
-    figures = page.text("figures")
-    assert all(text in figures for text in ("1:23", "80 km/h", "100 km/h", "90 km/h", "30 % brake", "14 s early"))
-    assert page.text("trial") == "3 of 8 measured"
-    assert page.text("others").startswith("P072 of 8")
+    picture(page, f"watch-{language}")
+    said = str(page.page.evaluate("document.body.textContent"))
+    assert [text for text in ("1:23", "80 km/h", "100 km/h", "90 km/h", *WATCHED[language]) if text not in said] == []
+    assert page.page.evaluate("document.documentElement.lang") == language
+    assert page.page.evaluate("[...document.querySelectorAll('[data-word]')].filter((one) => !one.textContent)") == []
     keys = page.page.keyboard
     for key in ("4", "m", "n"):
         keys.press(key)
     keys.type("asks [why] 5 {m}")
-    picture(page, "watch-note")
+    picture(page, f"watch-note-{language}")
     keys.press("Control+Enter")
     keys.press("a")
-    picture(page, "watch-abort")
+    picture(page, f"watch-abort-{language}")
     keys.press("Enter")  # back, because it has the focus
     keys.press("a")
     page.page.click("#yes")

@@ -16,7 +16,7 @@ import pytest
 
 from das.domain.errors import DasError
 from sim.experiment.checking import check_design
-from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen
+from sim.experiment.design import Design, design_files, freeze, load_design, read_design, read_frozen, resolved
 from sim.experiment.driving import WatchedDriver
 from sim.experiment.people.journal import PersonJournal, journal_files, read_journal, write_tables
 from sim.experiment.people.steps import (
@@ -73,7 +73,7 @@ def test_a_participant_does_the_steps_of_the_design_in_order(design: Design) -> 
     for name in ALL:
         assert at(design, entries_before(steps, name)).step.id == name
     assert described(design) == (
-        "consent; instructions; kss; practice (±3 km/h for 5 s, or 1 drive); 2 trials, each with tlx; "
+        "consent; instructions; kss; practice with guide (±3 km/h for 5 s, or 1 drive); 2 trials, each with tlx; "
         "1 break of 1 s; sus; debriefing"
     )
 
@@ -190,7 +190,7 @@ def test_the_table_of_the_manual_is_read(tmp_path: Path) -> None:
     path.write_text(path.read_text(encoding="utf-8").partition("[desk]")[0] + table, encoding="utf-8")
     design = read_design(path)
     assert described(design) == (
-        "consent; kss; practice (±3 km/h for 60 s, or 3 drives); 2 trials, each with tlx; pedal; "
+        "consent; kss; practice with guide (±3 km/h for 60 s, or 3 drives); 2 trials, each with tlx; pedal; "
         "2 probes in each (awareness.toml); 1 break of 1 s"
     )
 
@@ -208,10 +208,16 @@ def test_the_texts_and_questionnaires_are_frozen_with_the_design(tmp_path: Path)
         f"desk: {name}" for name in ("consent.md", "instructions.md", "debriefing.md", "kss", "tlx", "sus")
     }
     assert str(tmp_path) not in json.dumps(found)
+    assert resolved(read_design(folder / "design.toml")) == found  # the texts are beside the kept design
     assert read_frozen(folder).desk == replace(plan_of(read_design(path)), folder=folder)
     (path.parent / "consent.md").write_text("Other words.\n", encoding="utf-8")
     with pytest.raises(DasError, match="expected the same design, or another folder"):
         freeze(read_design(path), folder)
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "consent.md").write_text("mine")
+    with pytest.raises(DasError, match=r"taken/consent\.md: exists and differs from .*: expected another folder"):
+        freeze(read_design(path), tmp_path / "taken")
+    assert [one.name for one in (tmp_path / "taken").iterdir()] == ["consent.md"]
     (path.parent / "consent.md").unlink()
     with pytest.raises(DasError, match=r"consent\.md"):
         design_files(replace(load_design("smoke"), desk=PeoplePlan(consent="consent.md", folder=path.parent)))

@@ -72,8 +72,8 @@ def test_an_answer_ends_its_request_and_a_probe_withdraws_it() -> None:
 def entry(task: SideTask, number: int, event: str, at_s: float) -> dict[str, object]:
     """An entry of the journal; the browser drew a request 20 ms after it was shown, at 4 s intervals from 10 s on."""
     drawn_ms = 1000 * (6.02 + 4 * number) if event == "answered" and number else 0.0
-    written: dict[str, object] = json.loads(json.dumps(TaskEvent(task, number, event, 1000 * at_s, drawn_ms).entry))
-    return written | {"step": "trial-1", "wall_ns": 1}
+    written: dict[str, object] = json.loads(json.dumps(TaskEvent(task, number, event, 1000 * at_s, drawn_ms)._asdict()))
+    return written | {"what": "act", "step": "trial-1", "wall_ns": 1}
 
 
 def test_the_measures_are_those_of_a_hand() -> None:
