@@ -95,7 +95,7 @@ class Cab:
         if settings.calibrate:
             calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
             self.learning = Learning(calibrator)
-        self._post, self._settings = post, settings
+        self._post, self._zone, self._settings = post, post.route.zone, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._quiet = Quiet()
@@ -281,7 +281,7 @@ class Cab:
                 reporting.event(now_ns, Severity.INFO, text)
         if self.learning is not None and (text := self.learning.news(now_ns)):
             reporting.complain(now_ns, text)
-        reason = wording.words(advice.reason, zone=self._post.route.zone)
+        reason = wording.words(advice.reason, zone=self._zone)
         reporting.changes(advice, reason)
         reporting.rejections(self.here)
         reporting.clocks(self.here)

@@ -44,7 +44,7 @@ class Legs:
     def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
-        self.last_words = LastWords()
+        self.last_words = LastWords(lambda text: preparation.report(News(text, True)))
         """The final check of a leg's advice."""
         self._started, self._guide = situation, guide
         self._index: int | None = None
@@ -67,8 +67,6 @@ class Legs:
     def take_news(self) -> list[News]:
         """The events to report since the last call."""
         news = self.preparation.take_news()
-        for text in self.last_words.take_news():
-            news.append(News(text, True))
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
             news.append(News(_in_words(self._accepted, self.situation.route.zone)))
