@@ -37,7 +37,7 @@ from sim.recording.inputs import DriveInputs
 from sim.recording.opening import open_recording
 
 if TYPE_CHECKING:
-    from das.domain.plotted import PlottedRun
+    from das.drawing.plotted import PlottedRun
     from sim.drive.energy import DriveEnergy
 
 
@@ -154,7 +154,7 @@ class Drive(Summary):
 
         Wheel forces are known only for simulated drives; for others, the energy is estimated.
         """
-        from das.domain.plotted import PlottedRun
+        from das.drawing.plotted import PlottedRun
         from sim.drive.attribution.driven_legs import since_departure_j
 
         way, course, energy = self.travelled, self.table.course, self.energy

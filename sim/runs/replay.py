@@ -13,20 +13,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from google.protobuf.message import Message
 
 from das import __version__
 from das.bus import codec, das_pb2
+from das.bus.access import bus_folder
 from das.bus.codec import Outgoing
-from das.bus.config import bus_folder
 from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
 from das.cab.cab import warm_up
 from das.cab.heard import DelayHeard, JourneyHeard, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, locate_journey
-from das.domain.journey import Call, Journey, OrderedStop
+from das.domain.journey import OrderedStop
 from das.domain.units import NS
 from das.estimate.estimate import PositionFix, Quality
 from das.solver.front import Front
@@ -43,6 +44,9 @@ from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estima
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
+
+if TYPE_CHECKING:
+    from das.offline.asked_journey import Call, Journey
 
 LONGEST_S = 86400.0
 """Upper bound (s) of running times and delays: a day."""
