@@ -51,7 +51,7 @@ class Legs:
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
         self._accepted_reported: tuple[Target, ...] = ()
-        self._now_ns = 0
+        self._now_ns, self._at_present = 0, situation
         self._changed = False
 
     @property
@@ -78,7 +78,7 @@ class Legs:
         if leg is None:
             return advice
         ends_m = leg.start.position_m, leg.end.position_m
-        judged = self.last_words.judged(advice, here, self.situation.at(self._now_ns), ends_m)
+        judged = self.last_words.judged(advice, here, self._at_present, ends_m)
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
             leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
@@ -187,9 +187,9 @@ class Legs:
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
-        self._now_ns = now_ns
+        self._now_ns, self._at_present = now_ns, self.situation.at(now_ns)
         changed, self._changed = self._changed, False
-        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
+        self.preparation.prepare(self.legs, self.index, self._at_present, now_ns, changed=changed)
 
     def _note_change(self) -> None:
         """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from google.protobuf.message import Message
@@ -30,6 +29,7 @@ from das.domain.files.load import load_journey, locate_journey
 from das.domain.journey import OrderedStop
 from das.domain.units import NS
 from das.estimate.estimate import PositionFix, Quality
+from das.offline.asked_journey import Call, Journey
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import Solution
@@ -44,9 +44,6 @@ from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estima
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
-
-if TYPE_CHECKING:
-    from das.offline.asked_journey import Call, Journey
 
 LONGEST_S = 86400.0
 """Upper bound (s) of running times and delays: a day."""
