@@ -10,7 +10,6 @@ from .domain.errors import InputError as InputError
 from .domain.files.load import load_journey as load_journey
 from .domain.files.load import load_route as load_route
 from .domain.files.load import load_vehicle as load_vehicle
-from .domain.journey import Journey as Journey
 from .domain.losses import Level as Level
 from .domain.restriction import Restriction as Restriction
 from .domain.route import Route as Route
@@ -44,6 +43,7 @@ from .front_door import (
 from .front_door import (
     to_pandas as to_pandas,
 )
+from .offline.asked_journey import Journey as Journey
 from .offline.chains import Split as Split
 from .offline.journey import JourneyPlan as JourneyPlan
 from .solver.front import Front as Front

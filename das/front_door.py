@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from das.domain.braking import SiteBraking
 from das.domain.errors import DasError, InputError, one_of
-from das.domain.journey import Journey
 from das.domain.levels import Level
 from das.domain.route import Route, Stop
 from das.domain.units import PERCENT
@@ -25,8 +24,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from das.domain.plotted import Plottable, PlottedFront, PlottedRun
+    from das.domain.trajectory import Trajectory
     from das.drawing.picture import Picture
+    from das.drawing.plotted import Plottable, PlottedFront, PlottedRun
+    from das.offline.asked_journey import Journey
     from das.offline.chains import Split
     from das.offline.journey import JourneyPlan
     from das.solver.front import Front
@@ -184,7 +185,7 @@ def front_points(front: Front, buffers_percent: ArrayLike = DRAWN_BUFFERS_PERCEN
 
 
 def plot(
-    *shown: Plottable | Front,
+    *shown: Solution | Trajectory | Plottable | Front,
     over: str | None = None,
     labels: Sequence[str] | None = None,
     save: str | Path | None = None,
@@ -306,7 +307,7 @@ def chosen(kind: type[_Word], source: str, key: str, word: Any) -> _Word:
 
 def _plotted_front(front: Front) -> PlottedFront:
     """A front in the form needed for a picture."""
-    from das.domain.plotted import PlottedFront
+    from das.drawing.plotted import PlottedFront
 
     points = front_points(front)
     return PlottedFront(
@@ -320,11 +321,19 @@ def _plotted_front(front: Front) -> PlottedFront:
 
 def _plotted(shown: object) -> PlottedRun:
     """A run in the form needed for a picture; InputError for anything else."""
-    plotted = getattr(shown, "plotted", None)
-    if plotted is None:
+    from das.domain.trajectory import Trajectory
+    from das.drawing.plotted import plotted, plotted_on
+    from das.solver.solution import Solution
+
+    if isinstance(shown, Solution):
+        return plotted_on(shown.section, shown.trajectory)
+    if isinstance(shown, Trajectory):
+        return plotted(shown)
+    own = getattr(shown, "plotted", None)
+    if own is None:
         expected = "solutions, trajectories, planned journeys, days and drives, or fronts alone (of a list: *runs)"
         raise InputError("plot", "runs", type(shown).__name__, expected)
-    found: PlottedRun = plotted()
+    found: PlottedRun = own()
     return found
 
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import UNZIP_ERRORS, refuse_foreign
 from das.domain.files.routes import MOST_STOPS
-from das.domain.journey import file_clock
 from das.domain.units import MEGABYTE
+from das.offline.asked_journey import file_clock
 
 CLOCK = re.compile(r"\s*(\d{1,3}):([0-5]?\d):([0-5]?\d)\s*")
 """A time of the service day, which continues after 24:00:00."""

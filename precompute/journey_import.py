@@ -13,11 +13,10 @@ import typer
 
 from das.domain.earth import distances_m
 from das.domain.errors import DasError
-from das.domain.files.routes import TOLERANCE_S
 from das.domain.files.writing import toml_string
-from das.domain.journey import LEAST_SPACING_M, file_clock
 from das.domain.route import Route, Stop
 from das.domain.units import KM
+from das.offline.asked_journey import LEAST_SPACING_M, TOLERANCE_S, file_clock
 from precompute.gtfs import FeedTrip, TripStop, check_ends, key_of, tidy
 from precompute.polylines import Projection, along_m, projected_in_order
 

@@ -43,7 +43,7 @@ def main() -> None:
 def _unsolved_policies(section: Section) -> Policies:
     """Policies that no sweep has filled: no train can follow them, but their kernels are compiled."""
     grid, prices_w = DecisionGrid.of(section), np.array([PRICE_W, 2.0 * PRICE_W])
-    shape = len(grid.node_m), grid.speed_steps + 1, len(prices_w)
+    shape = len(grid.node_m), section.speed_steps + 1, len(prices_w)
     return Policies(prices_w, np.full(shape, INFEASIBLE), np.zeros(shape, np.float32))
 
 

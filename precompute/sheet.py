@@ -22,10 +22,11 @@ from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.timeline import timeline
 from das.advice.regimes import InstructionKind
 from das.domain.braking import USUAL
-from das.domain.journey import Held, Passing, Window
+from das.domain.journey import Window
 from das.domain.route import Route
 from das.domain.units import KM, KMH, kmh, kwh_words
 from das.drawing.colors import LIMIT, MODES
+from das.offline.asked_journey import Held, Passing
 from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Prospect, Schedule

@@ -16,8 +16,8 @@ import re
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 import das
-from das.command_line.process import STOP_SIGNALS, available_cores, signals_held
+from das.command_line.process import STOP_SIGNALS, available_cores
 from das.domain.errors import DasError
 
 Job = TypeVar("Job")
@@ -85,6 +85,25 @@ class _Worker(Generic[Job]):
     connection: Connection
     task: _Task[Job] | None = None
     ready: bool = False
+
+
+@contextmanager
+def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Hold signals back until a block of the main thread ends; processes started in it begin with them blocked.
+
+    Blocking them is not enough: another thread would then receive them, and Python would interrupt the main one.
+    """
+    came: list[int] = []
+    handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for heard in came:
+            signal.raise_signal(heard)
 
 
 class _Pool(Generic[Job, Result]):

@@ -16,9 +16,9 @@ from das.command_line.options import DEFAULT_TRAIN
 from das.domain.errors import DasError, InputError
 from das.domain.files.writing import check_writable, write_folder_whole
 from das.domain.levels import Level
-from das.domain.plotted import PlottedRun
 from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance
+from das.drawing.plotted import PlottedRun
 from das.front_door import chosen
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, OwnClass, Presentation, named_driver

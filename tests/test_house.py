@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_390, 140),
-    "precompute": Budget(10_600, 47),
-    "sim": Budget(36_480, 151),
-    "docs/studies": Budget(6_180, 37),
+    "das": Budget(27_310, 140),
+    "precompute": Budget(10_640, 47),
+    "sim": Budget(36_490, 151),
+    "docs/studies": Budget(6_210, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

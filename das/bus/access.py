@@ -3,18 +3,21 @@
 Peers are connected directly, so each one checks incoming messages (`ingress`), by the name in the sender's certificate,
 and its own messages (`egress`). The receiver's check is decisive.
 
-`write_bus_folder` makes a test authority, certificates and bus files for trials: not a public-key infrastructure.
+`write_bus_folder` makes a test authority, certificates and bus files for trials (not a public-key infrastructure), and
+a simulation reads them as a `BusFolder`.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+from das.bus.config import BusFile, refuse_lone_insecure
 from das.bus.topics import TOPICS
 from das.domain.errors import DasError
 from das.domain.files.writing import write_folder_whole
@@ -100,6 +103,32 @@ def _rule(name: str, flows: list[str], messages: list[str], keys: list[str]) -> 
     return {"id": name, "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
 
 
+@dataclass(frozen=True)
+class BusFolder:
+    """A folder with the bus files of all roles, `<role>.json5`, as `tls-init` makes them."""
+
+    path: Path
+    insecure: bool = False
+
+    def file(self, role: Role) -> BusFile:
+        """The file of a role; raises DasError if it is missing."""
+        file = self.path / f"{role}.json5"
+        if not file.is_file():
+            raise DasError(f"{file}: does not exist; expected a folder made by das-node tls-init")
+        return BusFile(file, self.insecure)
+
+
+def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | None:
+    """The folder that a simulation uses; raises DasError if one of its files cannot be used."""
+    if path is None:
+        refuse_lone_insecure(insecure)
+        return None
+    folder = BusFolder(path, insecure)
+    for role in (Role.SIMULATOR, Role.NODE, Role.RECORDER):
+        folder.file(role).config(train)
+    return folder
+
+
 def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: float) -> datetime:
     """Make an authority, certificates, keys (mode 0600) and a bus file for each role; returns the time of expiry.
 
@@ -114,7 +143,10 @@ def write_bus_folder(folder: Path, train: str, ports: Mapping[Role, int], days: 
     if longest > MOST_LETTERS:
         most = len(train) - (longest - MOST_LETTERS)
         raise DasError(f"train name {train!r}: expected at most {most} letters, for the names in certificates")
-    from trustme import CA  # No session needs it; das.bus.config imports this module.
+    try:
+        from trustme import CA  # no session needs it
+    except ImportError:
+        raise DasError("tls-init needs the package trustme: pip install '.[tls]' in the checkout") from None
 
     now = datetime.now(UTC).replace(microsecond=0)
     until = now + timedelta(days=days)

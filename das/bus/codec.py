@@ -13,8 +13,7 @@ from das import __version__
 from das.advice.advice import Advice
 from das.advice.plan import Plan
 from das.bus import das_pb2, topics
-from das.bus.restrictions import decode_restriction, encode_restriction
-from das.bus.topics import Received, Topic
+from das.bus.topics import Received, Topic, decode_restriction, encode_restriction
 from das.cab import heard
 from das.cab.heard import Heard, Kind
 from das.cab.outputs import Estimated, Event, Output, Status

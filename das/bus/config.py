@@ -16,7 +16,6 @@ from typing import Any
 
 import zenoh
 
-from das.bus.access import Role
 from das.domain.errors import DasError, InputError
 
 LEASE_MS = 2000
@@ -145,36 +144,10 @@ class BusFile:
                 )
 
 
-@dataclass(frozen=True)
-class BusFolder:
-    """A folder with the bus files of all roles, `<role>.json5`, as `tls-init` makes them."""
-
-    path: Path
-    insecure: bool = False
-
-    def file(self, role: Role) -> BusFile:
-        """The file of a role; raises DasError if it is missing."""
-        file = self.path / f"{role}.json5"
-        if not file.is_file():
-            raise DasError(f"{file}: does not exist; expected a folder made by das-node tls-init")
-        return BusFile(file, self.insecure)
-
-
-def bus_folder(path: Path | None, insecure: bool, train: str) -> BusFolder | None:
-    """The folder that a simulation uses; raises DasError if one of its files cannot be used."""
-    if path is None:
-        _refuse_lone_insecure(insecure)
-        return None
-    folder = BusFolder(path, insecure)
-    for role in (Role.SIMULATOR, Role.NODE, Role.RECORDER):
-        folder.file(role).config(train)
-    return folder
-
-
 def bus_options(file: Path | None, insecure: bool, listen: str | None, connect: Sequence[str] | None) -> BusFile | None:
     """The bus file from the options of a process; raises DasError if the options contradict each other."""
     if file is None:
-        _refuse_lone_insecure(insecure)
+        refuse_lone_insecure(insecure)
         return None
     if listen is not None or connect:
         option = "--connect" if listen is None else "--listen"
@@ -191,7 +164,8 @@ def locked_down(listen: str | None, connect: Sequence[str]) -> zenoh.Config:
     return config
 
 
-def _refuse_lone_insecure(insecure: bool) -> None:
+def refuse_lone_insecure(insecure: bool) -> None:
+    """Raise DasError for --insecure-bus without --bus."""
     if insecure:
         raise DasError("--insecure-bus: needs --bus; without --bus, the bus stays on this machine")
 

@@ -1,17 +1,19 @@
-"""The registry of topics, each with its message type and publisher, and the messages received on them."""
+"""The registry of topics, each with its message type and publisher; received messages, and restrictions in them."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any, Final, TypeVar
 
 from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import DecodeError, Message
 
 from das.bus import das_pb2
-from das.domain.errors import DasError
+from das.domain.errors import DasError, InputError
+from das.domain.restriction import Restriction
 
 TRAIN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
@@ -113,3 +115,27 @@ def message_time_ns(message: Any) -> int:
     if hasattr(message, "timestamp"):  # not its method, which rejects times that a sender may state
         return int(message.timestamp.seconds * 1_000_000_000 + message.timestamp.nanos)
     return 0
+
+
+_Kind = TypeVar("_Kind", bound=Restriction)
+
+
+def encode_restriction(one: Restriction) -> das_pb2.Restrictions.Restriction:
+    """The message of a restriction; an open end of the time window is left unset."""
+    return das_pb2.Restrictions.Restriction(**vars(one))
+
+
+def decode_restriction(message: Any, kind: type[_Kind]) -> _Kind:
+    """The restriction of a message. If `kind` checks the figures, as Restriction does, wrong ones raise InputError."""
+    return kind(**{one.name: getattr(message, one.name) for one in fields(kind)})
+
+
+def valid_restrictions(messages: Iterable[Any]) -> tuple[Restriction, ...]:
+    """The restrictions of a recorded list; entries that no node accepts as a restriction are left out."""
+    found = []
+    for message in messages:
+        try:
+            found.append(decode_restriction(message, Restriction))
+        except InputError:
+            continue
+    return tuple(found)

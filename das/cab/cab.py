@@ -95,13 +95,14 @@ class Cab:
         if settings.calibrate:
             calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
             self.learning = Learning(calibrator)
-        self._post, self._settings = post, settings
+        self._post, self._zone, self._settings = post, post.route.zone, settings
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._quiet = Quiet()
         self._trust = Trust(restrictions_received=settings.no_restrictions)
         self._clock_ns = 0
         self._journey: JourneyHeard | None = None
+        self._of_another_day = False
         self._news_pending = self._failing = False
 
     @property
@@ -206,7 +207,7 @@ class Cab:
 
     def _begin(self, journey: JourneyHeard) -> None:
         """Take over a journey or refuse it; after a refusal there is no advice until another journey comes."""
-        self._journey = journey
+        self._journey, self._of_another_day = journey, is_of_another_day(journey, journey.heard_ns)
         try:
             order = self._post.accept(journey)
             same = order.vehicle is self.legs.situation.vehicle
@@ -229,7 +230,7 @@ class Cab:
     def _judge_day(self, now_ns: int) -> None:
         """Check the journey again if the clock has entered or left the journey's day since the last check."""
         journey = self._journey
-        if journey is not None and is_of_another_day(journey, now_ns) != is_of_another_day(journey, journey.heard_ns):
+        if journey is not None and is_of_another_day(journey, now_ns) != self._of_another_day:
             self._begin(dataclasses.replace(journey, heard_ns=now_ns))
 
     def _refuse(self, time_ns: int, why: str) -> None:
@@ -281,7 +282,7 @@ class Cab:
                 reporting.event(now_ns, Severity.INFO, text)
         if self.learning is not None and (text := self.learning.news(now_ns)):
             reporting.complain(now_ns, text)
-        reason = wording.words(advice.reason, zone=self._post.route.zone)
+        reason = wording.words(advice.reason, zone=self._zone)
         reporting.changes(advice, reason)
         reporting.rejections(self.here)
         reporting.clocks(self.here)

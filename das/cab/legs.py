@@ -44,14 +44,14 @@ class Legs:
     def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
-        self.last_words = LastWords()
+        self.last_words = LastWords(lambda text: preparation.report(News(text, True)))
         """The final check of a leg's advice."""
         self._started, self._guide = situation, guide
         self._index: int | None = None
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
         self._accepted_reported: tuple[Target, ...] = ()
-        self._now_ns = 0
+        self._now_ns, self._at_present = 0, situation
         self._changed = False
 
     @property
@@ -67,8 +67,6 @@ class Legs:
     def take_news(self) -> list[News]:
         """The events to report since the last call."""
         news = self.preparation.take_news()
-        for text in self.last_words.take_news():
-            news.append(News(text, True))
         if self._accepted != self._accepted_reported:
             self._accepted_reported = self._accepted
             news.append(News(_in_words(self._accepted, self.situation.route.zone)))
@@ -80,7 +78,7 @@ class Legs:
         if leg is None:
             return advice
         ends_m = leg.start.position_m, leg.end.position_m
-        judged = self.last_words.judged(advice, here, self.situation.at(self._now_ns), ends_m)
+        judged = self.last_words.judged(advice, here, self._at_present, ends_m)
         if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
             leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
         return judged
@@ -189,9 +187,9 @@ class Legs:
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
-        self._now_ns = now_ns
+        self._now_ns, self._at_present = now_ns, self.situation.at(now_ns)
         changed, self._changed = self._changed, False
-        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
+        self.preparation.prepare(self.legs, self.index, self._at_present, now_ns, changed=changed)
 
     def _note_change(self) -> None:
         """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""

@@ -289,8 +289,9 @@ class Preparation:
                 if one.failed_ns is not None and (changed or abs(now_ns - one.failed_ns) * NS >= TRY_AGAIN_S):
                     one.ready = False
                 self._ensure(leg, one, situation, now_ns)
-            elif i != index - 1:
-                _release(leg, one)
+            elif one.ready and i != index - 1:  # far away: its front is dropped
+                leg.use(PlanBasis(section=leg.section))
+                one.give_up()
             elif one.searches:
                 one.give_up()
 
@@ -381,13 +382,6 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
     # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.
     one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
     one.held_from_m = held_from_m
-
-
-def _release(leg: Leg, one: _Prepared) -> None:
-    """Drop the front of a leg that is far away."""
-    if one.ready:
-        leg.use(PlanBasis(section=leg.section))
-    one.give_up()
 
 
 def _place_m(leg: Leg) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -125,14 +126,13 @@ def _of_leg(here: Estimate, leg: LegFacts) -> Withdrawal | None:
 
 
 class LastWords:
-    """Checks each advice message with the last word, counts the replaced parts, and collects texts that report them."""
+    """Checks each advice message with the last word, counts the replaced parts, and reports them as texts."""
 
-    def __init__(self) -> None:
+    def __init__(self, report: Callable[[str], None]) -> None:
         self.acts: Counter[Part] = Counter()
         """Replacements of each part of the advice since the start."""
-        self._word = LastWord()
+        self._word, self._report = LastWord(), report
         self._replaced_ns: dict[Part, int] = {}
-        self._news: list[str] = []
 
     def judged(self, advice: Advice, here: Estimate, situation: Situation, ends_m: tuple[float, float]) -> Advice:
         """The advice on the section between two positions (m), with safe values in place of unsafe ones."""
@@ -150,14 +150,9 @@ class LastWords:
         for act in acts:
             self.acts[act.part] += 1
             if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
-                self._news.append(words_of(act))
+                self._report(words_of(act))
             self._replaced_ns[act.part] = advice.time_ns
         return replace(safe, replaced_parts=len(acts)) if acts else safe
-
-    def take_news(self) -> list[str]:
-        """The texts about replaced parts since the last call."""
-        news, self._news = self._news, []
-        return news
 
 
 def words_of(act: Act) -> str:

@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 
@@ -147,22 +147,3 @@ def interrupted_by_termination() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, signal.SIG_DFL if handler is None else handler)
-
-
-@contextlib.contextmanager
-def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
-    """Hold signals back until a block of the main thread ends; processes started in it begin with them blocked.
-
-    Blocking them is not enough: another thread would then receive them, and Python would interrupt the main one.
-    """
-    came: list[int] = []
-    handlers = {number: signal.signal(number, lambda one, _frame: came.append(one)) for number in numbers}
-    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for heard in came:
-            signal.raise_signal(heard)

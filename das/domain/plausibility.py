@@ -1,13 +1,13 @@
 """Plausible limits for the values of trains and lines: they reveal a wrong unit or an extra digit.
 
-`check_vehicle` and `check_route` reject a value beyond a limit unless the file lists that check as accepted.
+`checked` rejects a value beyond a limit unless the file lists that check as accepted.
 `warnings_of` returns a line for each value that is unusual or was accepted. This module prints nothing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from das.domain.errors import InputError
 from das.domain.route import Altitudes, Route
 from das.domain.units import KM, KMH, PERMILLE, STANDARD_GRAVITY_MPS2, TONNE
 from das.domain.vehicle import Vehicle
+
+_Thing = TypeVar("_Thing", Vehicle, Route)
 
 ACCEPTED = "implausible_accepted"
 """The key in a TOML file that names the checks whose limits the file's values may exceed."""
@@ -124,22 +126,19 @@ class Finding(NamedTuple):
         return f"{least:g} to {upper}" if least > 0 else f"at most {upper}"
 
 
-def check_vehicle(vehicle: Vehicle, accepted: Collection[str] = (), *, insist: str) -> Vehicle:
-    """Return the vehicle; InputError for the first impossible value, in any load state, whose check is not accepted.
+def checked(thing: _Thing, accepted: Collection[str] = (), *, insist: str) -> _Thing:
+    """The vehicle or route; InputError for the first impossible value whose check is not accepted.
 
-    `insist` is the end of the message: how to accept the value. `{check}` in it is replaced by the check's name.
+    A vehicle is checked in every load state. `insist` is the end of the message: how to accept the value. `{check}` in
+    it is replaced by the check's name.
     """
-    _refuse(vehicle.source, _of_vehicle(vehicle), accepted, insist)
-    return vehicle
-
-
-def check_route(route: Route, accepted: Collection[str] = (), *, insist: str) -> Route:
-    """Return the route; InputError for the first impossible value whose check is not accepted.
-
-    `insist` is the end of the message: how to accept the value. `{check}` in it is replaced by the check's name.
-    """
-    _refuse(route.source, _of_route(route), accepted, insist)
-    return route
+    for one in _findings(thing):
+        least, most = one.check.possible
+        if not least <= one.value <= most and one.name not in accepted:
+            unit = f" ({one.check.unit})" if one.check.unit else ""
+            expected = f"{one.bounds(one.check.possible)}; {insist.format(check=one.name)}"
+            raise InputError(thing.source, f"{one.key}{unit}", one.shown(), expected)
+    return thing
 
 
 def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
@@ -151,8 +150,7 @@ def warnings_of(thing: Vehicle | Route) -> tuple[str, ...]:
 
 def unusual_in(thing: Vehicle | Route) -> tuple[str, ...]:
     """A line for each unusual value of a train or line: file, key, value and the usual range."""
-    found = _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
-    return tuple(f"{thing.source}: {one.in_words()}" for one in found)
+    return tuple(f"{thing.source}: {one.in_words()}" for one in _findings(thing))
 
 
 def energy_range(route: Route) -> str:
@@ -184,13 +182,8 @@ def vanishing_climb_ratio(route: Route) -> float:
     return float((climbed_m - np.maximum(gentle, 0.0).sum() * NOISE_OVER_M / 40) / ends[-1])
 
 
-def _refuse(source: str, findings: Iterator[Finding], accepted: Collection[str], insist: str) -> None:
-    for one in findings:
-        least, most = one.check.possible
-        if not least <= one.value <= most and one.name not in accepted:
-            unit = f" ({one.check.unit})" if one.check.unit else ""
-            expected = f"{one.bounds(one.check.possible)}; {insist.format(check=one.name)}"
-            raise InputError(source, f"{one.key}{unit}", one.shown(), expected)
+def _findings(thing: Vehicle | Route) -> Iterator[Finding]:
+    return _of_vehicle(thing) if isinstance(thing, Vehicle) else _of_route(thing)
 
 
 def _of_vehicle(vehicle: Vehicle) -> Iterator[Finding]:

@@ -1,18 +1,15 @@
-"""Trajectories over the nodes of a section, their energy balance, and their energy at any loss level."""
+"""Trajectories over the nodes of a section, and their energy balance."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.formulary import mean_davis_resistance_n
-from das.domain.levels import Level
 from das.domain.losses import LossModel
-from das.domain.plotted import PlottedRun
-from das.domain.route import Route
 from das.domain.summary import Summary
 from das.domain.units import KM, STANDARD_GRAVITY_MPS2, kmh, kwh, kwh_words
 from das.domain.vehicle import Resistance, Vehicle
@@ -120,25 +117,6 @@ class Trajectory(Summary):
             "nodes": f"{len(self.s_m)}",
         }
 
-    def plotted(self, loss: LossModel | None = None, route: Route | None = None, *names: str) -> PlottedRun:
-        """The trajectory for a picture. Its energy requires the losses; the names of stops require the line."""
-        columns = self.columns()
-        energy_j = None
-        if loss is not None:  # standing time between two sections has no energy, as in the balances of the sections
-            drawn_j = np.where(np.diff(self.s_m) > 0, self.input_j(self.loss_j(loss)), 0.0)
-            energy_j = np.concatenate(([0.0], np.cumsum(drawn_j)))
-        return PlottedRun(
-            names=names,
-            time_s=self.t_s,
-            s_m=self.s_m,
-            speed_mps=self.v_mps,
-            limit_mps=columns["limit_mps"],
-            force_el_n=columns["force_el_n"],
-            force_friction_n=columns["force_friction_n"],
-            energy_j=energy_j,
-            route=route,
-        )
-
     def columns(self) -> dict[str, Floats]:
         """The trajectory as arrays of shape (n,), one value per node, by names with units.
 
@@ -180,13 +158,6 @@ class Trajectory(Summary):
         gross = self.force_el_n * np.diff(self.s_m) + loss_j
         return np.where(gross > 0, gross, np.clip(self.supply, 0.0, 1.0) * gross)
 
-    def braked_as(self, vehicle: Vehicle, level: Level) -> Trajectory:
-        """The trajectory with forces split between motors and friction brake by the brake policy at a level."""
-        total = self.force_el_n + self.force_friction_n
-        faster = np.maximum(self.v_mps[:-1], self.v_mps[1:])
-        electric = vehicle.electric_effort_n(total, faster, level, self.supply)
-        return replace(self, force_el_n=electric, force_friction_n=total - electric)
-
     def balance(self, vehicle: Vehicle, loss: LossModel) -> EnergyBalance:
         """Energy balance with this vehicle's masses and resistance and the given losses.
 
@@ -214,23 +185,6 @@ class Trajectory(Summary):
             input=float(self.input_j(loss_j).sum()),
             comfort=vehicle.comfort_power_w * self.time_s,
         )
-
-
-def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
-    """Energy balance of any trajectory at any loss level, with the brakes of that level (cross-evaluation).
-
-    Raises DasError if the vehicle has no such level or its loss map does not cover the trajectory.
-    """
-    return trajectory.braked_as(vehicle, level).balance(vehicle, vehicle.loss_model(level))
-
-
-def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
-    """Energy (J) with which the paper compares trajectories at a level: the irreversible energy E_IC (eqs. 9 to 12).
-
-    At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
-    """
-    balance = evaluated_at(trajectory, vehicle, level)
-    return balance.input if level is Level.L0_NOREG else balance.irreversible
 
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:

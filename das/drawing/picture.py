@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from das.command_line.files import NO_MATPLOTLIB, check_picture, save_figure
 from das.domain.errors import DasError
 from das.domain.files.writing import check_writable
-from das.domain.plotted import PlottedFront, PlottedRun
 from das.domain.units import KM, KN, PERMILLE, kmh, kwh
 from das.drawing.colors import BACKGROUND, GRID, INK, LIMIT, look_of
+from das.drawing.plotted import PlottedFront, PlottedRun
 
 try:
     from matplotlib.backends.backend_agg import FigureCanvasAgg

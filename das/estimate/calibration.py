@@ -80,7 +80,7 @@ class LineIntegral:
         self._neutral_m = along((profile.supply == NEUTRAL).astype(float))
 
     def window(self, t: Floats, s: Floats, v: Floats, force: Floats, friction: Floats) -> MeasuredWindow | None:
-        """Return the means over a window, all with the weights that the slope of the speeds gives the accelerations.
+        """The means over a window, all with the weights that the slope of the speeds gives the accelerations.
 
         The samples, arrays of shape (samples,), are times (s), positions of the head (m), speeds (m/s), total wheel
         forces (N) and the part of the friction brake in them (N).
@@ -114,7 +114,7 @@ class LineIntegral:
         )
 
     def _mean(self, integral: Floats, middle_m: Floats, way_m: Floats) -> Floats:
-        """Return the means of an integrated quantity over stretches, given by their middles and lengths (m)."""
+        """The means of an integrated quantity over stretches, given by their middles and lengths (m)."""
         ahead, behind = (np.interp(middle_m + x * way_m, self._node_m, integral) for x in (0.5, -0.5))
         return np.asarray((ahead - behind) / way_m)
 
@@ -125,7 +125,7 @@ class LineIntegral:
 
 
 def _noise_mps(speed_mps: Floats) -> float:
-    """Return the noise of speeds (m/s) from the median second difference, which leaves out changing forces."""
+    """The noise of speeds (m/s) from the median second difference, which leaves out changing forces."""
     bends = np.abs(np.diff(speed_mps, 2))
     return float(np.median(bends)) / (NORMAL_MAD * math.sqrt(6.0))
 
@@ -221,7 +221,7 @@ class Estimates:
         )
 
     def remark(self) -> ForceDoubt | None:
-        """Return what to report: a doubt about the forces, or a usable mass far from the planned one; else None."""
+        """The remark to report: a doubt about the forces, or a usable mass far from the planned one; else None."""
         least, most = NEAR_MASS
         return ForceDoubt.FAR_MASS if self.usable and not least < self.mass_ratio < most else self.doubt
 
@@ -238,7 +238,7 @@ class Belief(NamedTuple):
     covariance: Floats
 
     def updated(self, row: Floats, residual: float, variance: float) -> Belief:
-        """Return the belief after one observation y = φ·θ + noise.
+        """The belief after one observation y = φ·θ + noise.
 
         `row` is φ (n,), `residual` is y − φ·θ at the present estimate, and `variance` is that of the noise, r.
 
@@ -249,7 +249,7 @@ class Belief(NamedTuple):
         return Belief(self.theta + toward * (residual / whole), self.covariance - np.outer(toward, toward) / whole)
 
     def drifted(self, sd: tuple[float, ...], most_sd: tuple[float, ...]) -> Belief:
-        """Return the belief after random changes (standard deviations); no unknown becomes less certain than most."""
+        """The belief after random changes (standard deviations); no unknown becomes less certain than most."""
         covariance = self.covariance.copy()
         np.fill_diagonal(covariance, np.minimum(np.diag(covariance) + np.square(sd), np.square(most_sd)))
         return Belief(self.theta, covariance)
@@ -291,12 +291,12 @@ class RatioLearner:
         self.samples += 1
 
     def distance_sds(self, window: MeasuredWindow) -> float:
-        """Return how far a window is from what the ratios predict, in standard deviations of both together."""
+        """The distance of a window from the prediction of the ratios, in standard deviations of both together."""
         row, residual, variance = self._observation(window)
         return residual / float(np.sqrt(row @ self.belief.covariance @ row + variance))
 
     def _observation(self, window: MeasuredWindow) -> tuple[Floats, float, float]:
-        """Return the row, the residual (N) and the variance (N²) of a window."""
+        """The row, the residual (N) and the variance (N²) of a window."""
         train, (mass, resistance) = self._vehicle, self.belief.theta
         c0_n = train.resistance.c0_n
         pull_n = train.mass_kg * (window.acceleration_mps2 + window.line_mps2)
@@ -332,7 +332,7 @@ class Calibrator:
         return self._vehicle is vehicle
 
     def anew(self, vehicle: Vehicle | None = None) -> Calibrator:
-        """Return a calibrator on the same line that has measured nothing yet; by default of the same train."""
+        """A calibrator on the same line that has measured nothing yet; by default of the same train."""
         return Calibrator(self._route, vehicle or self._vehicle, point_mass=self._point_mass)
 
     @property
@@ -482,7 +482,7 @@ class Recalibration:
         self._changed_ns: int | None = None
 
     def due(self, estimates: Estimates, now_ns: int) -> Conditions | None:
-        """Return other conditions to plan with from now on; None while those of the plan are near enough.
+        """Other conditions to plan with from now on; None while those of the plan are near enough.
 
         They change at most once in `REPLAN_EVERY_S`; once the forces are doubted, the conditions of the start return.
         """

@@ -68,7 +68,7 @@ class PositionFix:
 
 
 def deviations(fix: PositionFix) -> Deviations:
-    """Return the standard deviations of a fix: those that it states, otherwise those usual for its quality.
+    """The standard deviations of a fix: those that it states, otherwise those usual for its quality.
 
     Raises ValueError for a fix that its sender marked as unusable: it has no deviations.
     """

@@ -126,7 +126,7 @@ class ClockSteps:
         self._stamp_ns: int | None = None
 
     def take(self, fix: PositionFix, x: Track, span_s: float) -> float:
-        """Return by how much the clock was set since the fix before (s; 0: it was not).
+        """The time by which the clock was set since the fix before (s; 0: it was not).
 
         The state `x` is that of the last accepted fix; the time stamp of `fix` is `span_s` later.
         """
@@ -178,7 +178,7 @@ class Usability:
         self._intervals_s = (self._intervals_s[1], interval_s)
 
     def judge(self, x: Track, age_s: float, rejection: Problem | None) -> Problem | None:
-        """Return why a state cannot be used, or None.
+        """Why a state cannot be used, or None.
 
         `age_s` is the age of its last fix, `rejection` why newer fixes were rejected. A stale state is used again when
         fixes come often enough; an uncertain state, when its uncertainty is well below the limits.
@@ -267,7 +267,7 @@ class Localisation:
         self._clock.set(step_s)
 
     def at(self, now_ns: int) -> Estimate:
-        """Return the estimate for a time (ns since 1970).
+        """The estimate for a time (ns since 1970).
 
         A state too far ahead of that time is dropped afterwards, because no present fix would be newer.
         """
@@ -292,7 +292,7 @@ class Localisation:
         return found
 
     def _estimate(self, now_ns: int, problem: Problem | None, x: Track | None = None) -> Estimate:
-        """Return the estimate of a state; without one, only the problem and the counts."""
+        """The estimate of a state; without one, only the problem and the counts."""
         found: dict[str, float] = {}
         if x is not None:
             found = {

@@ -55,7 +55,7 @@ STANDSTILL_MPS: Final = 0.3
 
 
 def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Problem | None:
-    """Return why a fix cannot be true, whatever came before it; None if it can.
+    """Why a fix cannot be true, whatever came before it; None if it can.
 
     A fix without a position is possible only if there is a state (`has_state`) for its speed to continue.
     """
@@ -78,7 +78,7 @@ def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Prob
 
 
 def surprise(fix: PositionFix, sds: Deviations, *, expected: Track, before: Track) -> Problem | None:
-    """Return the problem of a fix that deviates more than noise and the train's motion explain; None if it does not.
+    """The problem of a fix that deviates more than noise and the train's motion explain; None if it does not.
 
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.
@@ -95,12 +95,12 @@ def surprise(fix: PositionFix, sds: Deviations, *, expected: Track, before: Trac
 
 
 def _gate_m(x: Track, sds: Deviations) -> float:
-    """Return how far (m) a measured position may lie off the position of a state."""
+    """The largest distance (m) of a measured position from the position of a state."""
     return max(GATE_SDS * math.sqrt(position_variance(x) + sds.position_m**2), GATE_LEAST_M)
 
 
 def follows(before: PositionFix, fix: PositionFix, fastest_mps: float) -> bool:
-    """Return whether one train can have been at both fixes.
+    """Whether one train can have been at both fixes.
 
     The train's speeds in between lie between the two measured ones; without a measured speed, any possible one counts.
     """
@@ -147,7 +147,7 @@ class Doubts:
 
 
 def slow_mps(speed_sd_mps: float) -> float:
-    """Return the largest measured speed (m/s) that may be noise on a standing train."""
+    """The largest measured speed (m/s) that may be noise on a standing train."""
     return max(SLOW_MPS, SLOW_SDS * speed_sd_mps)
 
 
@@ -196,7 +196,7 @@ class FrozenReceiver:
         self._way_m = 0.0
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose position stays the same although the speeds show that the train moves."""
+        """The problem of a fix whose position stays the same although the speeds show that the train moves."""
         first, silent_s = self.first, (fix.time_ns - self._repeated_ns) * NS
         if first is None or fix.s_m != first.s_m or silent_s > SILENCE_S:
             self._way_m = 0.0
@@ -250,7 +250,7 @@ class SpeedScale:
         self._unit_sd_ratio = 0.0
 
     def unit_sd_mps(self, speed_mps: float) -> float:
-        """Return one standard deviation of a speed (m/s) due to the units that are not ruled out yet."""
+        """One standard deviation of a speed (m/s) due to the units that are not ruled out yet."""
         return 0.0 if self._confirmed or not self._fixes else self._unit_sd_ratio * speed_mps
 
     @property
@@ -259,7 +259,7 @@ class SpeedScale:
         return Problem(ProblemKind.SPEED_UNIT, self.factor) if self.factor != 1.0 else None
 
     def judge(self, fix: PositionFix) -> Problem | None:
-        """Return the problem of a fix whose speed, like those before it, has another unit than that from the positions.
+        """The problem of a fix whose speed, like those before it, has another unit than that from the positions.
 
         The problem remains until the speeds match the distance again. Any fix may be passed, even a rejected one.
         """

@@ -88,7 +88,7 @@ def begin(
     acceleration_sd_mps2: float,
     scale_sd: float = 0.0,
 ) -> Track:
-    """Return the state after a first fix: its position error is attributed to b, and none of its speed error to c."""
+    """The state after a first fix: its position error is attributed to b, and none of its speed error to c."""
     var = position_sd_m**2
     return Track(
         s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0, g=1.0,
@@ -104,7 +104,7 @@ def begin(
 def predict(
     x: Track, dt: float, jerk_psd_m2ps5: float, wander_sd_m: float, speed_wander_sd_mps: float, scale_sd: float
 ) -> Track:
-    """Return the state `dt` seconds (>= 0) later, with P ← F·P·Fᵀ + Q; a train stops at v = 0 and never rolls back."""
+    """The state `dt` seconds (>= 0) later, with P ← F·P·Fᵀ + Q; a train stops at v = 0 and never rolls back."""
     q, h, keep, hold = jerk_psd_m2ps5, 0.5 * dt * dt, math.exp(-dt / WANDER_S), math.exp(-dt / SCALE_WANDER_S)
     fresh = 1.0 - keep * keep
     way_m, v, a = x.v * dt + x.a * h, x.v + x.a * dt, x.a
@@ -147,35 +147,35 @@ def predict(
 
 
 def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
-    """Return the state of a standing train `dt` seconds later: only the receiver's position error has wandered."""
+    """The state of a standing train `dt` seconds later: only the receiver's position error has wandered."""
     moving = ("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "vg", "aa", "ab", "ac", "ag", "bc", "cc", "cg")
     return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0, math.sqrt(x.gg))
 
 
 def position_variance(x: Track) -> float:
-    """Return the variance of s + b (m²), without the fresh noise of a fix."""
+    """The variance of s + b (m²), without the fresh noise of a fix."""
     return x.ss + 2.0 * x.sb + x.bb
 
 
 def speed_variance(x: Track) -> float:
-    """Return the variance of v + c (m²/s²), without the fresh noise of a speed."""
+    """The variance of v + c (m²/s²), without the fresh noise of a speed."""
     return x.vv + 2.0 * x.vc + x.cc
 
 
 def with_position(x: Track, s_m: float, variance_m2: float) -> Track:
-    """Return the state corrected by a measured position with fresh noise of this variance (> 0)."""
+    """The state corrected by a measured position with fresh noise of this variance (> 0)."""
     column = (x.ss + x.sb, x.sv + x.vb, x.sa + x.ab, x.sb + x.bb, x.sc + x.bc, x.sg + x.bg)
     return _corrected(x, column, s_m - x.s - x.b, position_variance(x) + variance_m2)
 
 
 def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
-    """Return the state corrected by a measured speed with fresh noise of this variance (> 0)."""
+    """The state corrected by a measured speed with fresh noise of this variance (> 0)."""
     column = (x.sv + x.sc, x.vv + x.vc, x.va + x.ac, x.vb + x.bc, x.vc + x.cc, x.vg + x.cg)
     return _corrected(x, column, speed_mps - x.v - x.c, speed_variance(x) + variance_m2ps2)
 
 
 def _corrected(x: Track, column: tuple[float, ...], innovation: float, variance: float) -> Track:
-    """Return x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
+    """The state x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
     s, v, a, b, c, g = column
     gain_s, gain_v, gain_a = s / variance, v / variance, a / variance
     gain_b, gain_c, gain_g = b / variance, c / variance, g / variance
@@ -223,7 +223,7 @@ class TrainMotion:
         self._wander_sd_m: float | None = None
 
     def begin(self, fix: PositionFix) -> Track:
-        """Return the state from this fix alone; without a measured speed, any speed of the train is possible."""
+        """The state from this fix alone; without a measured speed, any speed of the train is possible."""
         position_sd_m, speed_sd_mps = deviations(fix)
         speed_mps = max(fix.speed_mps, 0.0)
         if math.isnan(fix.speed_mps):
@@ -232,11 +232,11 @@ class TrainMotion:
         return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, SPEED_SCALE_SD)
 
     def carried_on(self, x: Track, span_s: float) -> Track:
-        """Return the state `span_s` (>= 0) after the last fix, without another fix."""
+        """The state `span_s` (>= 0) after the last fix, without another fix."""
         return predict(x, span_s, self._jerk_psd, 0.0, 0.0, 0.0)
 
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state expected when a fix comes, `span_s` after the last one.
+        """The state expected when a fix comes, `span_s` after the last one.
 
         The driver is expected to hold the effort; if the measured speed contradicts that, the effort is unknown.
         """
@@ -250,22 +250,22 @@ class TrainMotion:
         return y
 
     def _predicted(self, x: Track, fix: PositionFix, span_s: float, speed_wander_sd_mps: float) -> Track:
-        """Return the state `span_s` later, with the errors of the fix's sensors wandering."""
+        """The state `span_s` later, with the errors of the fix's sensors wandering."""
         wander_sd_m = self._wandering_sd_m(fix)
         return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state of a standing train at a fix, which does not change the train's position."""
+        """The state of a standing train at a fix, which does not change the train's position."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
         return stand(x, span_s, wander_sd_m)
 
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """Return the state expected at a fix of a train that has set off since the last fix."""
+        """The state expected at a fix of a train that has set off since the last fix."""
         x = x._replace(vv=deviations(fix).speed_mps ** 2, aa=self._acceleration_sd_mps2**2)
         return self._predicted(x, fix, span_s, 0.0)  # The train stood: c begins at 0.
 
     def corrected(self, y: Track, fix: PositionFix) -> Track:
-        """Return the expected state corrected by the measurements of the fix."""
+        """The expected state corrected by the measurements of the fix."""
         self._wander_sd_m = self._wandering_sd_m(fix)
         sds = deviations(fix)
         if not math.isnan(fix.speed_mps):
@@ -273,7 +273,7 @@ class TrainMotion:
         return y if math.isnan(fix.s_m) else with_position(y, fix.s_m, sds.position_m**2)
 
     def _wandering_sd_m(self, fix: PositionFix) -> float:
-        """Return the standard deviation of the part of a position's error that wanders.
+        """The standard deviation of the part of a position's error that wanders.
 
         The error of a degraded fix wanders no more than that of the previous fix; the additional error is fresh noise.
         """

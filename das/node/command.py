@@ -191,14 +191,11 @@ def tls_init(
 
     For tests and trials on one machine, not a public-key infrastructure.
     """
+    from das.bus.access import LISTENERS, write_bus_folder
     from das.bus.topics import check_train_name
     from das.command_line.printing import typed
     from das.domain.errors import DasError
 
-    try:
-        from das.bus.access import LISTENERS, write_bus_folder
-    except ImportError as error:
-        raise DasError("tls-init needs the package trustme: pip install '.[tls]' in the checkout") from error
     if not days > 0:
         raise DasError(f"--days {days:g}: expected more than 0")
     if port > LAST_PORT + 1 - len(LISTENERS):

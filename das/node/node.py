@@ -48,7 +48,7 @@ class WallClock:
         """Do nothing: messages do not move this clock."""
 
     def due(self) -> None:
-        """Return None: no Control message requests advice by this clock."""
+        """None: no Control message requests advice by this clock."""
 
 
 class BusClock:
@@ -74,7 +74,7 @@ class BusClock:
         return self._control_ns
 
     def set_by_s(self) -> float:
-        """Return 0: the setting of a simulation's clock cannot be detected."""
+        """Zero, because the setting of a simulation's clock cannot be detected."""
         return 0.0
 
     def note(self, received: Received) -> None:

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import InfeasibleError
-from das.domain.journey import Call, Journey, Passing, Window, clock
+from das.domain.journey import Window
 from das.domain.levels import Level
 from das.domain.route import Route, Stretches
 from das.domain.units import KMH
 from das.domain.vehicle import Vehicle
+from das.offline.asked_journey import Call, Journey, Passing, clock, held_at
 from das.solver import tolerances as tol
 from das.solver.front import Front
 from das.solver.kernels.driving import FULL_BRAKES, braking_envelope, climbing_floor
@@ -291,7 +292,7 @@ class Timeline:
         """An event and the bound at which it is held, as text; the ends of the timeline are named after their stops."""
         index, time_s = tight
         event = self.events[min(max(index, 1), len(self.events) - 2)]
-        return f"{event.what} ({event.window.held_at(time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
+        return f"{event.what} ({held_at(event.window, time_s, tol.TIME_TOLERANCE_S)} {clock(time_s)})"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,13 +15,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.journey import ANY_TIME, Call, Held, Journey, Passing, Window, clock
+from das.domain.journey import ANY_TIME, Window
 from das.domain.levels import Level
-from das.domain.plotted import PlottedRun, PlottedWindow
 from das.domain.route import Route
 from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
+from das.drawing.plotted import PlottedRun, PlottedWindow, plotted_on
+from das.offline.asked_journey import Call, Held, Journey, Passing, clock, held_at
 from das.offline.bound import NOT_FOUND, Certificate, Task, behind_fastest, bound_of, fastest_is_ahead
 from das.offline.chains import (
     Chains,
@@ -37,7 +38,7 @@ from das.offline.chains import (
 )
 from das.solver import tolerances as tol
 from das.solver.section import Section
-from das.solver.solution import plotted_on, trajectory_on
+from das.solver.solution import trajectory_on
 
 Floats = NDArray[np.float64]
 
@@ -404,7 +405,7 @@ def _section_plan(
     trajectory, balance = _driven(section, speeds)
     times_s = [departure_s + float(trajectory.t_s[node]) for node in section.places]
     timings = [
-        PlannedTime(time_s=t, held=window.held_at(t, 2.0 * tol.TIME_TOLERANCE_S))
+        PlannedTime(time_s=t, held=held_at(window, t, 2.0 * tol.TIME_TOLERANCE_S))
         for t, window in zip(times_s, windows, strict=True)
     ]
     return SectionPlan(

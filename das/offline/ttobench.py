@@ -11,16 +11,17 @@ import numpy as np
 
 from das.domain.effort import EffortEnvelope
 from das.domain.errors import MISSING
-from das.domain.files.reading import Fields, bound_of_window, in_si, read_json, train_length_m
+from das.domain.files.reading import Fields, in_si, read_json, train_length_m
 from das.domain.files.routes import curvature_stretches
 from das.domain.files.vehicles import check_tunnel_resistance
-from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.journey import Window
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
-from das.domain.plausibility import check_route, check_vehicle
+from das.domain.plausibility import checked
 from das.domain.route import Route, Stop, Stretches, Tunnel
 from das.domain.units import FACTORS
 from das.domain.vehicle import BrakePolicy, Resistance, Vehicle
+from das.offline.asked_journey import Call, Journey, Passing, bound_of_window
 
 INSIST = "correct the file, or convert it to TOML (docs/reference/file-formats.md), which can accept {check}"
 """The end of the error for an implausible value: what to do if the value is intended."""
@@ -68,7 +69,7 @@ def read_train(path: Path) -> Vehicle:
         tunnel_resistance_n_per_mps2=coefficients,
         losses=MappingProxyType({Level.OWN: own}),
     )
-    return check_vehicle(vehicle, insist=INSIST)
+    return checked(vehicle, insist=INSIST)
 
 
 def read_track(path: Path) -> Route:
@@ -99,7 +100,7 @@ def read_track(path: Path) -> Route:
         tunnels=tuple(Tunnel(start_m=a, length_m=b, area_m2=c) for a, b, c in tunnels),
         altitude_at_start_m=_quantity(fields, "altitude", "length", 0.0),
     )
-    return check_route(route, insist=INSIST)
+    return checked(route, insist=INSIST)
 
 
 _TIMING = {

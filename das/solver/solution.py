@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.plotted import PlottedRun
 from das.domain.route import NEUTRAL
 from das.domain.summary import Summary, needs
 from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
@@ -68,10 +67,6 @@ class Solution(Summary):
             "fit": str(self.fit),
         }
 
-    def plotted(self) -> PlottedRun:
-        """The trajectory for a picture, with its energy and the stops of its line."""
-        return plotted_on(self.section, self.trajectory)
-
     @property
     def time_s(self) -> float:
         """Duration of the trajectory (s)."""
@@ -103,11 +98,6 @@ class Solution(Summary):
     def gap_reason(self) -> str:
         """Why no bound is proven; empty if a bound is proven."""
         return self.certificate.reason
-
-
-def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:
-    """A trajectory of any strategy on a section, for a picture."""
-    return trajectory.plotted(section.loss, section.route, *section.titles)
 
 
 def trajectory_on(section: Section, line: LineProfile, speeds: Floats) -> Trajectory:

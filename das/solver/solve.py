@@ -93,7 +93,7 @@ class _Sweep:
         self.grid = DecisionGrid.of(section)
         self.ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
         n = len(self.grid.node_m) - 1
-        shape = (n + 1, self.grid.speed_steps + 1, len(self.ladder))
+        shape = (n + 1, section.speed_steps + 1, len(self.ladder))
         self._value_j, self._time_to_go_s = np.empty(shape, np.float64), np.empty(shape, np.float32)
         self._value_j[-1] = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
         self._time_to_go_s[-1] = 0.0
@@ -112,14 +112,14 @@ class _Sweep:
             last, threads, ladder = self._known_from, self._threads, self.ladder
             if first >= last:
                 return
-            space = Transitions.empty(min(self._block_nodes, last - first), self.grid.speed_steps + 1)
+            space = empty_moves(min(self._block_nodes, last - first), self.grid.section.speed_steps + 1)
             with ThreadPoolExecutor(threads) as pool:
                 for end in range(last, first, -self._block_nodes):
                     start = max(end - self._block_nodes, first)
-                    moves = space.rows(0, end - start)
+                    moves = part_of(space, 0, end - start)
                     in_parts(pool, threads, end - start, self.grid.fill, start, moves)
-                    rows = self._value_j[start : end + 1], self._time_to_go_s[start : end + 1]
-                    in_parts(pool, threads, len(ladder), moves.sweep, ladder, *rows, of=LANES)
+                    filled = self._value_j[start : end + 1], self._time_to_go_s[start : end + 1]
+                    in_parts(pool, threads, len(ladder), backward_sweep, ladder, moves, *filled, of=LANES)
             self._known_from = first
 
     def front(self) -> Front:
@@ -146,42 +146,21 @@ def usable_power_w(section: Section) -> float:
     return float(min(section.train.traction_power_w, section.train.traction_force_n * section.envelope_mps.max()))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Transitions:
-    """Moves from the speeds of some decision nodes to those of the next nodes (see `Moves`), independent of λ."""
+def empty_moves(nodes: int, states: int) -> Moves:
+    """Unfilled arrays for the moves of this number of nodes and speeds."""
+    shape = (nodes, states, LANDINGS)
+    return Moves(
+        time_s=np.empty(shape, np.float32),
+        energy_j=np.empty(shape, np.float64),
+        target=np.empty(shape, np.int32),
+        weight=np.empty(shape, np.float32),
+        filled=np.empty(shape[:2], np.int16),
+    )
 
-    time_s: NDArray[np.float32]
-    energy_j: Floats
-    target: NDArray[np.int32]
-    weight: NDArray[np.float32]
-    count: NDArray[np.int16]
 
-    @classmethod
-    def empty(cls, nodes: int, states: int) -> Transitions:
-        """Unfilled arrays for the moves of this number of nodes and speeds."""
-        shape = (nodes, states, LANDINGS)
-        return cls(
-            time_s=np.empty(shape, np.float32),
-            energy_j=np.empty(shape, np.float64),
-            target=np.empty(shape, np.int32),
-            weight=np.empty(shape, np.float32),
-            count=np.empty(shape[:2], np.int16),
-        )
-
-    @property
-    def moves(self) -> Moves:
-        """The arrays in the form required by the kernels."""
-        return Moves(self.time_s, self.energy_j, self.target, self.weight, self.count)
-
-    def rows(self, first: int, last: int) -> Transitions:
-        """The part of the nodes first … last − 1 (a view)."""
-        return Transitions(**{name: array[first:last] for name, array in vars(self).items()})
-
-    def sweep(
-        self, first: int, last: int, lambda_w: Floats, value_j: Floats, time_to_go_s: NDArray[np.float32]
-    ) -> None:
-        """Fill in values and times-to-go of the nodes for multipliers first … last − 1, from the node after them."""
-        backward_sweep(first, last, lambda_w, self.moves, value_j, time_to_go_s)
+def part_of(moves: Moves, first: int, last: int) -> Moves:
+    """The moves of the nodes first … last − 1 (a view)."""
+    return Moves._make(array[first:last] for array in moves)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -213,15 +192,10 @@ class DecisionGrid:
             ),
         )
 
-    @property
-    def speed_steps(self) -> int:
-        """Number of steps of the speed grid."""
-        return self.section.speed_steps
-
-    def fill(self, first: int, last: int, start: int, moves: Transitions) -> None:
+    def fill(self, first: int, last: int, start: int, moves: Moves) -> None:
         """Fill rows first … last − 1 of `moves`, whose row 0 is decision node `start`."""
         section = self.section
         transitions(
-            start + first, start + last, self.line, self.bounds, self.speed_steps, section.train, section.loss_params,
-            moves.rows(first, last).moves,
+            start + first, start + last, self.line, self.bounds, section.speed_steps, section.train,
+            section.loss_params, part_of(moves, first, last),
         )  # fmt: skip

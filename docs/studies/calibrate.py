@@ -26,18 +26,18 @@ from das.command_line.options import OutFolderOption, OverwriteOption
 from das.command_line.printing import busy, error_console, loading_solver, tell
 from das.domain.errors import DasError
 from das.domain.files.load import locate_vehicle
-from das.domain.files.vehicles import read_loss_chain
+from das.domain.files.reading import read_toml
+from das.domain.files.vehicles import read_chain
 from das.domain.files.writing import check_writable, write_whole
 from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
 from das.domain.losses import LossMap, fit_mean_efficiency
-from das.domain.trajectory import consumed_j
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import Vehicle
 from das.solver.warm_up import warm_up
 from docs.studies import calibration_targets as paper
 from docs.studies.calibration_targets import Figures, Runs
-from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2, TABLE2_LEVELS
+from docs.studies.cases import GTO_VEHICLE, IGBT_VEHICLE, TABLE2, TABLE2_LEVELS, consumed_j
 from precompute.loss_maps import cruising_deviation_ratio
 
 TABLE_2_CELL: Final = re.compile(r"Table 2: \S+ at (\S+)$")
@@ -204,6 +204,11 @@ def search_stage_2(
     return solve_stage_1(vehicle, rounded(_with_shares(chain, STAGE_2_START, found.x), STAGE_2_START))
 
 
+def chain_of(name: str) -> LossChain:
+    """The parametric loss chain of a bundled vehicle."""
+    return read_chain(read_toml(locate_vehicle(name)).table("losses").table(Level.L3))
+
+
 def refitted(gto: LossChain, igbt: LossChain) -> LossChain:
     """The GTO chain with the parameters `OWN_OF_IGBT` of an IGBT chain."""
     brake_current_ratio = igbt.motors.brake_current_ratio
@@ -231,7 +236,7 @@ def calibrate(
         check_writable(path, overwrite=overwrite)
     with loading_solver():
         warm_up()
-    chains = {name: read_loss_chain(locate_vehicle(name)) for name in CALIBRATED}
+    chains = {name: chain_of(name) for name in CALIBRATED}
     if not check:
         chains = _calibrated(chains)
     vehicles = {name: with_chain(load_vehicle(name), chain) for name, chain in chains.items()}

@@ -15,7 +15,7 @@ import numpy as np
 from das.domain.levels import Level
 from das.domain.loss_chain import LossChain
 from das.domain.losses import LossMap, fit_mean_efficiency, operating_points
-from das.domain.trajectory import Trajectory, consumed_j
+from das.domain.trajectory import Trajectory
 from das.domain.units import KMH, KW
 from das.domain.vehicle import Vehicle
 from das.offline.refinement import refined
@@ -30,6 +30,7 @@ from docs.studies.cases import (
     TABLE2_BUFFER_PERCENT,
     TABLE2_LEVELS,
     StudyCase,
+    consumed_j,
 )
 from precompute.baselines import strategies as baselines
 from precompute.loss_maps import cruising_deviation_ratio, fit_error

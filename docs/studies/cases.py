@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
-from das.domain.trajectory import EnergyBalance, Trajectory, consumed_j, evaluated_at
+from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KM, KMH, PERCENT
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
@@ -28,6 +28,27 @@ ROUTE: Final = "flat-6km"
 GTO_VEHICLE: Final = "re460-ic"
 IGBT_VEHICLE: Final = "re460-ic-igbt"
 TOP_SPEED_MPS: Final = 160 * KMH
+
+
+def evaluated_at(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> EnergyBalance:
+    """Energy balance of any trajectory at any loss level, with the brakes of that level (cross-evaluation).
+
+    Raises DasError if the vehicle has no such level or its loss map does not cover the trajectory.
+    """
+    total_n = trajectory.force_el_n + trajectory.force_friction_n
+    faster_mps = np.maximum(trajectory.v_mps[:-1], trajectory.v_mps[1:])
+    electric_n = vehicle.electric_effort_n(total_n, faster_mps, level, trajectory.supply)
+    braked = replace(trajectory, force_el_n=electric_n, force_friction_n=total_n - electric_n)
+    return braked.balance(vehicle, vehicle.loss_model(level))
+
+
+def consumed_j(trajectory: Trajectory, vehicle: Vehicle, level: Level) -> float:
+    """Energy (J) with which the paper compares trajectories at a level: the irreversible energy E_IC (eqs. 9 to 12).
+
+    At L0 NOREG it is the positive wheel work (eq. 8), which counts the brakes' losses before they occur.
+    """
+    balance = evaluated_at(trajectory, vehicle, level)
+    return balance.input if level is Level.L0_NOREG else balance.irreversible
 
 
 @dataclass(frozen=True, kw_only=True)

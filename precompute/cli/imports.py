@@ -150,7 +150,7 @@ def import_journey(
     """
     written.check(feed, on.route)
     from das.domain.files.reading import Fields
-    from das.domain.files.routes import journey_of
+    from das.offline.asked_journey import journey_of
     from precompute.gtfs import read_trip
     from precompute.journey_import import journey_text, notes, placed
 

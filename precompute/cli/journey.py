@@ -18,9 +18,9 @@ from das.domain.errors import DasError
 from precompute.cli.options import LineOptions, RunFiles, TrainOnLine, TrainOptions, WorldOptions, buffered
 
 if TYPE_CHECKING:
-    from das.domain.journey import Journey
     from das.domain.route import Route
     from das.domain.vehicle import Vehicle
+    from das.offline.asked_journey import Journey
     from das.offline.journey import JourneyPlan, JourneyPlanner
 
 ALL_STOPS = "stops"
@@ -53,7 +53,7 @@ class StopsOptions:
 
     def journey(self, route: Route, train: Vehicle, options: TrainOptions) -> Journey:
         """A journey over all stops of a route in a time, or with a buffer; DasError for impossible times."""
-        from das.domain.journey import Journey
+        from das.offline.asked_journey import Journey
 
         dwell_s = DWELL_S if self.dwell_s is None else self.dwell_s
         if (self.time_s is None) is (self.buffer_percent is None):
@@ -155,7 +155,7 @@ def journey(
 
 def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> None:
     if files.out is not None:
-        from das.domain.files.writing import write_trajectory
+        from precompute.cli.report import write_trajectory
 
         write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:

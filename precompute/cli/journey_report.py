@@ -8,10 +8,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from das.command_line.printing import new_table
-from das.domain.journey import Call, Journey, Passing, Window, clock
+from das.domain.journey import Window
 from das.domain.route import Route
 from das.domain.units import KM, kmh
 from das.drawing.colors import BACKGROUND, GRID, INK, SEVERAL, SOFT
+from das.offline.asked_journey import Call, Journey, Passing, clock
 from das.offline.journey import JourneyPlanner
 
 if TYPE_CHECKING:

@@ -11,12 +11,14 @@ import numpy as np
 
 from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
-from das.domain.journey import Held, clock
-from das.domain.plotted import PlottedFront
+from das.domain.files.writing import write_whole
+from das.domain.trajectory import Trajectory
 from das.domain.units import KM, KMH, KW, in_kwh, kmh, kwh, kwh_figure, kwh_words
+from das.drawing.plotted import PlottedFront, plotted_on
+from das.offline.asked_journey import Held, clock
 from das.offline.journey import JourneyPlan, JourneyPlanner, PassedAt, PlannedTime, SectionPlan
 from das.solver.section import Section
-from das.solver.solution import Solution, plotted_on
+from das.solver.solution import Solution
 from precompute.baselines import Strategy
 from precompute.baselines.strategies import Baseline
 
@@ -66,6 +68,14 @@ def _certified(answer: Answer) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); errors as in `whole_file`."""
+    columns = trajectory.columns()
+    lines = [",".join(columns)]
+    lines += [",".join(f"{x + 0.0:.12g}" for x in row) for row in zip(*columns.values(), strict=True)]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 def draw_answer(path: Path, section: Section, answer: Answer) -> None:

@@ -68,11 +68,10 @@ def solve(
     solved = _optimal(pose, trip, with_refinement) if strategy is Strategy.OPTIMAL else _baseline(pose, trip, strategy)
     section, answer, min_time_s, solve_s = solved
 
-    from das.domain.files.writing import write_trajectory
     from precompute.cli import report
 
     if files.out is not None:
-        write_trajectory(files.out, answer.trajectory)
+        report.write_trajectory(files.out, answer.trajectory)
     if files.plot is not None:
         report.draw_answer(files.plot, section, answer)
     result = report.solution_json(answer, min_time_s, solve_s)

@@ -9,7 +9,7 @@ from typing import Final
 
 from das.domain.errors import DasError
 from das.domain.files.load import ROUTES, refuse_foreign
-from das.domain.plausibility import FLAT_ERROR, INSIST, check_route
+from das.domain.plausibility import FLAT_ERROR, INSIST, checked
 from das.domain.route import Altitudes, Route, Stop
 from das.domain.units import KM
 from precompute.route_import.altitudes import with_altitudes
@@ -41,7 +41,7 @@ def imported(files: Sequence[Path], order: ImportOrder, words: Words) -> Importe
         line = _with_gradients(order, _from_map(order, words, maps, tables), tables)
     else:
         line = _part(order, words, _with_gradients(order, _from_tables(order, words, tables), tables))
-    check_route(line.route, insist=INSIST % "route")
+    checked(line.route, insist=INSIST % "route")
     return line
 
 

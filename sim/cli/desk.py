@@ -128,8 +128,8 @@ def _watch(watched: WatchAsked, asked: DayAsked, recorded: RecordingAsked, looks
     if asked.advice not in (Presentation.GUIDE, Presentation.SPEED_AND_EFFORT):
         raise DasError(f"--advice {asked.advice}: expected guide or speed-and-effort, which a node sends")
     _check_packages()
-    from das.bus.access import Role
-    from das.bus.config import BusFolder, bus_options
+    from das.bus.access import BusFolder, Role
+    from das.bus.config import bus_options
 
     with loading_solver():
         from das.bus.session import Bus

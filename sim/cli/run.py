@@ -44,7 +44,7 @@ from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, DriverName, FrictionPo
 from sim.options import LATE_KERNELS, PaceOption, ParticipantOption, PopulationOption, pace_factor, typed_command
 
 if TYPE_CHECKING:
-    from das.bus.config import BusFolder
+    from das.bus.access import BusFolder
     from sim.drive.table import DriveTable
     from sim.drivers.cab import Driver
     from sim.drivers.parameters import Participant
@@ -81,7 +81,7 @@ class RecordingAsked:
 
     def folder(self, train: str) -> BusFolder | None:
         """The folder of bus files for a train; raises DasError for a bad folder or an impossible name of a train."""
-        from das.bus.config import bus_folder
+        from das.bus.access import bus_folder
         from das.bus.topics import check_train_name
 
         return bus_folder(self.bus, self.insecure_bus, check_train_name(train))

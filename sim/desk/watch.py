@@ -19,9 +19,8 @@ from starlette.websockets import WebSocket
 from das.advice.advice import Cause
 from das.advice.display import VALID_FOR_S
 from das.advice.regimes import Regime
-from das.bus.restrictions import valid_restrictions
 from das.bus.session import Bus
-from das.bus.topics import ADVICE, CONTROL, DELAY, JOURNEY, POSITION, RESTRICTION, Received
+from das.bus.topics import ADVICE, CONTROL, DELAY, JOURNEY, POSITION, RESTRICTION, Received, valid_restrictions
 from das.cab.legs import leg_of
 from das.command_line.printing import say
 from das.domain.clocks import WALL, Clocks

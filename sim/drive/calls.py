@@ -9,17 +9,20 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from das.domain.journey import OrderedStop, Passing
+from das.domain.journey import OrderedStop
 from das.domain.route import Stop
 from das.domain.units import NS
 from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, StandingTime, known, minutes, stood_ns
+
+if TYPE_CHECKING:
+    from das.offline.asked_journey import Passing
 
 NEAR_M: Final = 100.0
 """Largest distance (m) from a stop at which a train stands at the stop; of several standstills, the nearest counts."""

@@ -34,7 +34,7 @@ from sim.recording.course import Floats
 from sim.recording.opening import DriveInputs, open_recording
 
 if TYPE_CHECKING:
-    from das.domain.plotted import PlottedRun
+    from das.drawing.plotted import PlottedRun
     from sim.drive.energy import DriveEnergy
     from sim.drive.figures import DriveFigures
     from sim.drive.series import Found
@@ -157,7 +157,7 @@ class Drive(Summary):
 
         Wheel forces are known only for simulated drives; for others, the energy is estimated.
         """
-        from das.domain.plotted import PlottedRun
+        from das.drawing.plotted import PlottedRun
         from sim.drive.legs import since_departure_j
 
         way, course, energy = self.travelled, self.table.course, self.energy

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from das.advice.reason import Reason
 from das.bus import topics
 from das.bus.recording import Recording
-from das.bus.restrictions import valid_restrictions
-from das.bus.topics import Topic
+from das.bus.topics import Topic, valid_restrictions
 from das.domain.errors import DasError
 from das.domain.journey import OrderedStop
 from das.domain.restriction import Restriction

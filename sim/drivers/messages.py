@@ -10,7 +10,7 @@ from google.protobuf.message import Message
 
 from das.advice.reason import Reason
 from das.bus import das_pb2
-from das.bus.restrictions import encode_restriction
+from das.bus.topics import encode_restriction
 from das.domain.errors import DasError
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.presentations.presenter import presenter_of, shown_presentation

@@ -19,15 +19,16 @@ from google.protobuf.message import Message
 
 from das import __version__
 from das.bus import codec, das_pb2
+from das.bus.access import bus_folder
 from das.bus.codec import Outgoing
-from das.bus.config import bus_folder
 from das.bus.topics import LOCATION, LOG, SAVING, TRUTH, check_train_name
 from das.cab.cab import warm_up
 from das.cab.heard import DelayHeard, JourneyHeard, PositionHeard, RestrictionsHeard
 from das.domain.errors import DasError
-from das.domain.journey import Call, Journey, OrderedStop
+from das.domain.journey import OrderedStop
 from das.domain.units import NS
 from das.estimate.estimate import PositionFix, Quality
+from das.offline.asked_journey import Call, Journey
 from das.solver.front import Front
 from das.solver.section import Section
 from das.solver.solution import Solution

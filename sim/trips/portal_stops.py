@@ -19,9 +19,10 @@ from das.domain.errors import MISSING, InputError
 from das.domain.files.load import load_journey, locate_journey
 from das.domain.files.reading import read_text
 from das.domain.journey import ANY_TIME as ALWAYS
-from das.domain.journey import Call, Journey, Window
+from das.domain.journey import Window
 from das.domain.route import Route
 from das.domain.units import NS
+from das.offline.asked_journey import Call, Journey
 from precompute.gtfs import FeedTrip, TripStop
 from precompute.journey_import import placed
 from sim.trips import portals

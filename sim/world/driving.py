@@ -14,7 +14,7 @@ from google.protobuf.message import Message
 
 from das import __version__
 from das.bus import das_pb2
-from das.bus.config import BusFolder
+from das.bus.access import BusFolder
 from das.bus.recording import Recording
 from das.bus.topics import CAB, DECISION, LOCATION, LOG, MEASURES, SAVING, TRUTH, Topic
 from das.cab.heard import PositionHeard

@@ -28,8 +28,7 @@ from mcap.reader import make_reader
 
 from das.advice.regimes import Regime
 from das.bus import codec
-from das.bus.access import Role
-from das.bus.config import BusFolder
+from das.bus.access import BusFolder, Role
 from das.bus.session import Bus, endpoint, free_ports
 from das.bus.topics import ADVICE, CONTROLS, RECORDER, RESTRICTION, STATUS, TARGET, Topic
 from das.cab.heard import Heard, JourneyHeard

@@ -20,11 +20,12 @@ from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import load_journey, load_route, load_vehicle, locate_journey
 from das.domain.files.vehicles import read_loss_map
-from das.domain.journey import Journey, OrderedStop
+from das.domain.journey import OrderedStop
 from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
+from das.offline.asked_journey import Journey
 from das.solver.front import Front
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import Solution

@@ -11,9 +11,9 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.reading import Fields
-from das.domain.files.routes import journey_of
-from das.domain.journey import Call, Journey, Window
+from das.domain.journey import Window
 from das.domain.route import Route
+from das.offline.asked_journey import Call, Journey, journey_of
 from precompute.gtfs import FeedTrip, TripChoice, read_trip
 from precompute.journey_import import TimesRead, journey_text, notes, placed
 from tests.support.feeds import NAMES, ODD, PLACES_M, feed_route, write_feed

@@ -11,7 +11,8 @@ import pytest
 
 from das.advice.regimes import InstructionKind
 from das.domain.files.load import load_route, load_vehicle
-from das.domain.journey import Passing, Window
+from das.domain.journey import Window
+from das.offline.asked_journey import Passing
 from das.solver.section import build_section
 from precompute.sheet import (
     SaidLine,

@@ -34,8 +34,8 @@ from das.cab.situation import Situation
 from das.domain.errors import DasError
 from das.domain.files.load import load_journey, load_route, load_vehicle
 from das.domain.files.reading import Fields
-from das.domain.files.routes import journey_of
 from das.domain.route import Route
+from das.offline.asked_journey import journey_of
 from das.solver.guide.policies import DEFAULT, GuideFront
 from das.solver.section import Section, build_section
 from das.table import Table

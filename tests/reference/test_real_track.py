@@ -19,13 +19,14 @@ from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import NEUTRAL, NO_REGENERATION, Route, Stretches, Tunnel, Zone
-from das.domain.trajectory import Trajectory, evaluated_at
+from das.domain.trajectory import Trajectory
 from das.domain.vehicle import BrakePolicy, Load, Resistance, Vehicle
 from das.solver.front import Front
 from das.solver.kernels import forces
 from das.solver.kernels.tuples import train_params
 from das.solver.section import build_section
 from das.solver.solve import solve_front
+from docs.studies.cases import evaluated_at
 from precompute.baselines import strategies as baselines
 from tests.support.making import REPOSITORY, flat, make_route, make_train
 

@@ -13,9 +13,11 @@ from das.solver.front import Front, TimeSearch
 from das.solver.kernels.forces import on_supply
 from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.policy_values import grid_speed, locate
+from das.solver.kernels.sweep import backward_sweep
+from das.solver.kernels.tuples import Moves
 from das.solver.parts import in_parts
 from das.solver.section import Section
-from das.solver.solve import BLOCK_NODES, DecisionGrid, Transitions, default_ladder
+from das.solver.solve import BLOCK_NODES, DecisionGrid, default_ladder, empty_moves, part_of
 from das.solver.state import State
 
 Floats = NDArray[np.float64]
@@ -27,39 +29,36 @@ LADDER_TOLERANCE = 1e-4
 def plain_front(section: Section, threads: int) -> Front:
     """The front, with transitions computed one speed at a time, by this number of threads."""
     grid, ladder = DecisionGrid.of(section), default_ladder(section)
-    n, states = len(grid.node_m) - 1, grid.speed_steps + 1
+    n, states = len(grid.node_m) - 1, section.speed_steps + 1
     value = np.empty((n + 1, states, len(ladder)))
     time_to_go = np.empty(value.shape, np.float32)
     value[-1], time_to_go[-1] = 0.0, 0.0
-    space = Transitions.empty(min(BLOCK_NODES, n), states)
+    space = empty_moves(min(BLOCK_NODES, n), states)
 
     def fill(first: int, last: int, start: int) -> None:
-        moves = space.rows(first, last).moves
         plain_transitions(
-            start + first, start + last, grid.line, grid.bounds, grid.speed_steps, section.train, section.loss_params,
-            moves,
+            start + first, start + last, grid.line, grid.bounds, section.speed_steps, section.train,
+            section.loss_params, part_of(space, first, last),
         )  # fmt: skip
 
     with ThreadPoolExecutor(threads) as pool:
         for end in range(n, 0, -BLOCK_NODES):
             start = max(end - BLOCK_NODES, 0)
             in_parts(pool, threads, end - start, fill, start)
-            moves = space.rows(0, end - start)
-            in_parts(
-                pool, threads, len(ladder), moves.sweep, ladder, value[start : end + 1], time_to_go[start : end + 1]
-            )
+            swept = part_of(space, 0, end - start), value[start : end + 1], time_to_go[start : end + 1]
+            in_parts(pool, threads, len(ladder), backward_sweep, ladder, *swept)
     return Front(section=section, lambda_w=ladder, value_j=value, time_to_go_s=time_to_go)
 
 
-def numpy_sweep(moves: Transitions, lambda_w: Floats) -> tuple[Floats, Floats]:
+def numpy_sweep(moves: Moves, lambda_w: Floats) -> tuple[Floats, Floats]:
     """Values (J) and times-to-go (s) of every state and multiplier as in `Front`, from the end of a section."""
-    n, states = moves.count.shape
+    n, states = moves.filled.shape
     shape = (n + 1, states, len(lambda_w))
     value, time_to_go = np.zeros(shape), np.zeros(shape)
     for k in range(n - 1, -1, -1):
         value[k], time_to_go[k] = tol.INFEASIBLE, tol.INFEASIBLE
-        for i in range(moves.count[k].max(initial=0)):
-            here = np.flatnonzero(moves.count[k] > i)
+        for i in range(moves.filled[k].max(initial=0)):
+            here = np.flatnonzero(moves.filled[k] > i)
             below = moves.target[k, here, i].astype(np.intp)
             share = moves.weight[k, here, i, np.newaxis].astype(float)
             step_s = moves.time_s[k, here, i, np.newaxis].astype(float)

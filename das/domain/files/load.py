@@ -10,13 +10,15 @@ import zlib
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from das.domain.errors import DasError, InputError
 from das.domain.files import routes, vehicles
-from das.domain.journey import Journey
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from das.offline.asked_journey import Journey
 
 MOST_BYTES: Final = 1_000_000
 """Number of bytes at the beginning of a file that are searched for the marks of other formats."""
@@ -147,9 +149,11 @@ def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
     Raises DasError for an unknown name or file, InputError (file, key, value, expectation) for anything unusable in it,
     and for a point of the journey that is not on the route. Without a route, every point must have a position.
     """
+    from das.offline import asked_journey  # a cab receives its journeys
+
     path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
-    journey = _ttobench().read_journey(path) if json else routes.read_journey(path, route)
+    journey = _ttobench().read_journey(path) if json else asked_journey.read_journey(path, route)
     if route is not None:
         journey.check_on(route)
     return journey

@@ -30,8 +30,6 @@ LARGEST = 1e12
 power of a network, is smaller."""
 SHORTEST_TRAIN_M = 0.1
 """Shortest length (m) of a train that is not a point; gradients are averaged over the length."""
-LARGEST_TIME_S = 1e10
-"""Largest time (s) on a journey's clock, which may count from 1970."""
 LARGEST_LENGTH_M = 1e9
 """Largest position or length (m) in a file; `das.domain.plausibility` then applies narrower limits."""
 _DIMENSIONS = {
@@ -130,6 +128,14 @@ class Fields:
     def optional_table(self, key: str) -> Fields:
         """The table under a key, or an empty table if the key is missing; InputError for anything else."""
         return self.table(key) if self.has(key) else Fields(self.source, f"{self.prefix}{key}.", {})
+
+    def tables(self, key: str, most: int, *, needed: bool = False) -> list[Fields]:
+        """The tables [[key]], at most `most`. Without any, the list is empty, or InputError is raised if `needed`."""
+        entries = self.data.get(key, MISSING if needed else [])
+        if not isinstance(entries, list):
+            raise self.error(key, entries, f"a list of [[{key}]]")
+        self.check_count(key, entries, most)
+        return [Fields.of(self.source, entry, f"{self.prefix}{key}[{i}].") for i, entry in enumerate(entries)]
 
     def text(self, key: str, default: str | None = None) -> str:
         """The text under a key; InputError if it is missing and has no default, or is not a text."""
@@ -314,13 +320,6 @@ def train_length_m(source: Path, value: float) -> float:
     if 0 < value < SHORTEST_TRAIN_M:
         raise InputError(source, "vehicle.length", value, f"0 m (a point), or at least {SHORTEST_TRAIN_M:g} m")
     return value
-
-
-def bound_of_window(source: Path, key: str, time_s: float) -> float:
-    """A time (s) on a journey's clock, infinite if the window is open; InputError if beyond `LARGEST_TIME_S`."""
-    if math.isfinite(time_s) and abs(time_s) > LARGEST_TIME_S:
-        raise InputError(source, key, time_s, f"a time of at most {LARGEST_TIME_S:g} s, or an open window")
-    return time_s
 
 
 def number(source: Path, key: str, value: object) -> float:

@@ -20,7 +20,7 @@ from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_
 from das.domain.levels import Level
 from das.domain.loss_chain import Converter, LossChain
 from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
-from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, check_vehicle
+from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, checked
 from das.domain.units import FACTORS, KMH, KN
 from das.domain.vehicle import BrakePolicy, Load, Resistance, ServiceBrake, Vehicle
 
@@ -183,7 +183,7 @@ def read_vehicle(path: Path) -> Vehicle:
 def vehicle_of(fields: Fields, insist: str = INSIST % "vehicle") -> Vehicle:
     """The vehicle described by the fields of a file; errors as in `read_vehicle`.
 
-    `insist` is the text appended to the message for an implausible value (see `das.domain.plausibility.check_vehicle`).
+    `insist` is the text appended to the message for an implausible value (see `das.domain.plausibility.checked`).
     """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(
@@ -233,15 +233,7 @@ def _lossless(fields: Fields, insist: str) -> Vehicle:
         modes=MappingProxyType(modes),
         mode=mode,
     )
-    return check_vehicle(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=insist)
-
-
-def read_loss_chain(path: Path) -> LossChain:
-    """The parametric loss chain of a vehicle file; raises DasError if its level L3 is not `kind = "components"`."""
-    table = read_toml(path).table("losses").table(Level.L3)
-    if table.text("kind") != "components":
-        raise table.error("kind", table.text("kind"), "components")
-    return read_chain(table)
+    return checked(vehicle, main.names(ACCEPTED, VEHICLE_CHECKS), insist=insist)
 
 
 def _alone(fields: Fields, key: str, quantity: tuple[str, str], default: float, *, unbounded: bool = False) -> float:

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
 from das.domain.errors import DasError
 
@@ -19,9 +19,6 @@ try:
     import fcntl
 except ImportError:  # not on Windows, where no folder can be locked
     fcntl = None  # type: ignore[assignment]
-
-if TYPE_CHECKING:
-    from das.domain.trajectory import Trajectory
 
 MOST_OF_A_NAME = 1000
 """Largest number of files whose names differ only in the number at the end."""
@@ -112,14 +109,6 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write `content` to a new file in the folder of `path` and rename it to `path`; errors as in `whole_file`."""
     with whole_file(path) as file:
         file.write(content)
-
-
-def write_trajectory(path: Path, trajectory: Trajectory) -> None:
-    """Write a trajectory as CSV: one row per node (see `Trajectory.columns`); errors as in `whole_file`."""
-    columns = trajectory.columns()
-    lines = [",".join(columns)]
-    lines += [",".join(f"{x + 0.0:.12g}" for x in row) for row in zip(*columns.values(), strict=True)]
-    write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 @contextmanager

@@ -15,9 +15,8 @@ from das.advice.regimes import Regime
 from das.bus import codec
 from das.bus.recorder import RecordingFile
 from das.bus.recording import RecordedMessage, recording_of
-from das.bus.restrictions import encode_restriction
 from das.bus.scanning import UNCHECKED
-from das.bus.topics import JOURNEY, RESTRICTION, STATUS, message_time_ns
+from das.bus.topics import JOURNEY, RESTRICTION, STATUS, encode_restriction, message_time_ns
 from das.cab.cab import warm_up
 from das.cab.heard import RestrictionsHeard
 from das.domain.clocks import Clocks

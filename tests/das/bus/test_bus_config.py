@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import stat
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from das.bus.access import LISTENERS, Role, access_control, keys_of, write_bus_folder
-from das.bus.config import BusFile, BusFolder, bus_folder, bus_options
+from das.bus.access import LISTENERS, BusFolder, Role, access_control, bus_folder, keys_of, write_bus_folder
+from das.bus.config import BusFile, bus_options
 from das.bus.topics import TOPICS, Topic
 from das.command_line.application import single_command
 from das.domain.errors import DasError, InputError
@@ -178,3 +179,10 @@ def test_access_control_allows_no_wildcard_and_no_deletion() -> None:
         saying = [rule for rule in rules if "put" in rule["messages"]]
         assert all(key.split("/@adv")[0].count("*") == 0 for rule in saying for key in rule["key_exprs"])
         assert all("delete" not in rule["messages"] for rule in rules)
+
+
+def test_without_trustme_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "trustme", None)
+    with pytest.raises(DasError, match=r"^tls-init needs the package trustme: pip install '\.\[tls\]'"):
+        write_bus_folder(tmp_path / "bus", "T1", PORTS, days=1.0)
+    assert not list(tmp_path.iterdir())

@@ -17,8 +17,8 @@ import pytest
 import zenoh
 
 from das.bus import codec, das_pb2
-from das.bus.access import LISTENERS, write_bus_folder
-from das.bus.config import BusFile, bus_folder
+from das.bus.access import LISTENERS, bus_folder, write_bus_folder
+from das.bus.config import BusFile
 from das.bus.recording import read_recording
 from das.bus.session import Bus, free_ports
 from das.bus.topics import (

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from das.bus import das_pb2
-from das.bus.restrictions import decode_restriction, encode_restriction, valid_restrictions
+from das.bus.topics import decode_restriction, encode_restriction, valid_restrictions
 from das.cab.heard import ToldRestriction, judged
 from das.domain.errors import InputError
 from das.domain.restriction import LATEST_NS, Restriction

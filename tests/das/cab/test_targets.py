@@ -13,8 +13,9 @@ from das.advice.guide.planning import Wanted, planned
 from das.advice.reason import ReasonCode
 from das.advice.wording import words
 from das.cab.heard import Target
-from das.domain.journey import Call, Journey, Passing, Window
+from das.domain.journey import Window
 from das.domain.units import NS
+from das.offline.asked_journey import Call, Journey, Passing
 from das.offline.journey import JourneyPlanner
 from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.section import build_section

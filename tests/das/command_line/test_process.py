@@ -1,4 +1,4 @@
-"""How processes start and end: imports that Ctrl-C ends, signals that wait, bytecode that is kept."""
+"""How processes start and end: imports that Ctrl-C ends, signals, bytecode that is kept."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import subprocess
 import sys
 import textwrap
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from das.command_line.process import STOP_SIGNALS, interrupted_by_termination, signals_held
+from das.command_line.process import STOP_SIGNALS, interrupted_by_termination
 from tests.support.copies import copy_of, run_copy
 from tests.support.making import wait_until
 
@@ -50,57 +49,6 @@ def test_in_another_thread_termination_is_handled_as_before() -> None:
     other.start()
     other.join()
     assert seen == [before]
-
-
-def test_a_signal_waits_for_the_end_of_the_block() -> None:
-    heard_at: list[str] = []
-
-    def interrupted() -> None:
-        with signals_held([signal.SIGINT]):
-            signal.raise_signal(signal.SIGINT)
-            heard_at.append("the end")
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert heard_at == ["the end"]
-
-
-def test_a_signal_that_another_thread_hears_waits_as_well() -> None:
-    """That thread does not block it; Python would interrupt the main thread at once."""
-    over = threading.Event()
-    other = threading.Thread(target=over.wait)
-    heard_at: list[str] = []
-
-    def interrupted() -> None:
-        with signals_held([signal.SIGINT]):
-            assert other.ident is not None
-            signal.pthread_kill(other.ident, signal.SIGINT)
-            time.sleep(0.05)
-            heard_at.append("the end")
-
-    other.start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            interrupted()
-    finally:
-        over.set()
-        other.join()
-    assert heard_at == ["the end"]
-
-
-def test_without_a_signal_all_is_as_before() -> None:
-    handler, mask = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    with signals_held([signal.SIGINT]):
-        pass
-    assert signal.getsignal(signal.SIGINT) is handler
-    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == mask
-
-
-def test_a_process_started_meanwhile_is_born_deaf() -> None:
-    asks = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
-    with signals_held([signal.SIGINT]):
-        said = subprocess.run([sys.executable, "-c", asks], capture_output=True, text=True, check=True).stdout
-    assert said.strip() == "True"
 
 
 def test_ctrl_c_while_the_program_is_being_imported_ends_cleanly(tmp_path: Path) -> None:

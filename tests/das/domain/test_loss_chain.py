@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from das.domain.errors import InputError
 from das.domain.files.load import locate_vehicle
-from das.domain.files.vehicles import read_loss_chain
+from das.domain.files.reading import read_toml
+from das.domain.files.vehicles import read_chain
 from tests.support.making import CHAIN
 
 COMPONENTS = {"auxiliaries", "transformer", "line converter", "motor inverter", "motor copper", "motor iron", "gear"}
@@ -105,7 +106,7 @@ def test_the_clock_falls_at_each_change_and_never_exceeds_the_asynchronous_one_w
 
 @pytest.mark.parametrize("name", ["re460-ic", "re460-ic-igbt"])
 def test_the_bundled_clocks_stay_below_their_asynchronous_frequency(name: str) -> None:
-    converter = read_loss_chain(locate_vehicle(name)).converter
+    converter = read_chain(read_toml(locate_vehicle(name)).table("losses").table("l3")).converter
     assert converter.switching_hz(np.linspace(0.1, 200 / 3.6, 5000)).max() <= converter.asynchronous_hz * 1.005
 
 

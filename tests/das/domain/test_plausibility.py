@@ -23,7 +23,7 @@ from das.domain.plausibility import (
     OF_VEHICLES,
     ROUTE_CHECKS,
     VEHICLE_CHECKS,
-    check_vehicle,
+    checked,
     energy_range,
     warnings_of,
 )
@@ -200,7 +200,7 @@ def test_bundled_trains_and_lines_are_as_usual() -> None:
 def test_what_is_possible_but_unusual_is_a_warning(tmp_path: Path) -> None:
     light = replace(make_train(power_w=2e5), mass_kg=9_000.0, source="light", max_deceleration_mps2=1.7)
     light = replace(light, max_acceleration_mps2=1.0)
-    assert check_vehicle(light, insist="{check}") is light
+    assert checked(light, insist="{check}") is light
     lines = "\n".join(warnings_of(light))
     assert "light: mass = 9 t: 10 to 10000 t is usual" in lines
     assert "light: all brakes over mass = 1.7 m/s²: 0.3 to 1.6 m/s² is usual" in lines

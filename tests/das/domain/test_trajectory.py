@@ -15,8 +15,9 @@ from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
-from das.domain.trajectory import Trajectory, consumed_j, evaluated_at, mean_resistance_n
+from das.domain.trajectory import Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
+from docs.studies.cases import consumed_j, evaluated_at
 
 GAUSS_X, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(60)
 

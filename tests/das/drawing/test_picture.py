@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import das
-from das.domain.plotted import PlottedRun
 from das.domain.route import Stop
 from das.domain.units import KM, KMH, KWH
 from das.drawing.colors import look_of
 from das.drawing.picture import Over, Picture, draw_runs
+from das.drawing.plotted import PlottedRun, plotted_on
 from tests.support.making import REPOSITORY
 
 
@@ -125,7 +125,7 @@ def test_a_journey_is_drawn_with_its_stops_and_windows() -> None:
 
 
 def test_friction_braking_is_hatched_and_a_name_without_room_is_left_out(run: das.Solution) -> None:
-    plotted, route = run.plotted(), run.section.route
+    plotted, route = plotted_on(run.section, run.trajectory), run.section.route
     crowded = replace(route, stops=(*route.stops[:1], Stop(name="near A", position_m=30.0), *route.stops[1:]))
     braked = replace(plotted, route=crowded, force_friction_n=np.where(plotted.s_m > 5500.0, -1e4, 0.0))
     picture = draw_runs([braked])

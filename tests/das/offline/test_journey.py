@@ -18,11 +18,12 @@ from scipy.optimize import brentq
 
 from das.domain.errors import DasError, InfeasibleError
 from das.domain.files.load import load_journey, load_route, load_vehicle
-from das.domain.journey import ANY_TIME, Call, Held, Journey, Passing, Window
+from das.domain.journey import ANY_TIME, Window
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
+from das.offline.asked_journey import Call, Held, Journey, Passing
 from das.offline.chains import Split
 from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver import tolerances as tol

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from das.solver.front import Front
-from das.solver.kernels.sweep import LANES
+from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.parts import in_parts
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import BEHIND_M, DecisionGrid, Transitions, solve_ahead, solve_front
+from das.solver.solve import BEHIND_M, DecisionGrid, empty_moves, solve_ahead, solve_front
 from tests.support.making import make_route, make_train
 
 LADDER_W = np.geomspace(1e4, 1e8, 12)
@@ -62,11 +62,11 @@ def test_a_part_of_the_ladder_has_the_bits_of_the_whole(short: Front, size: int)
 def test_only_the_multipliers_asked_for_are_written(short: Front, first: int, last: int) -> None:
     grid = DecisionGrid.of(short.section)
     nodes = len(grid.node_m) - 1
-    moves = Transitions.empty(nodes, grid.speed_steps + 1)
+    moves = empty_moves(nodes, short.section.speed_steps + 1)
     grid.fill(0, nodes, 0, moves)
     value, time_to_go = np.full(short.value_j.shape, UNTOUCHED), np.full(short.value_j.shape, UNTOUCHED, np.float32)
     value[-1], time_to_go[-1] = 0.0, 0.0
-    moves.sweep(first, last, short.lambda_w, value, time_to_go)
+    backward_sweep(first, last, short.lambda_w, moves, value, time_to_go)
     asked = np.isin(np.arange(len(short.lambda_w)), range(first, last))
     assert np.array_equal(value[:-1, :, asked], short.value_j[:-1, :, asked])
     assert np.array_equal(time_to_go[:-1, :, asked], np.asarray(short.time_to_go_s)[:-1, :, asked])

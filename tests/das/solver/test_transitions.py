@@ -12,8 +12,9 @@ from das.domain.files.load import load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Zone
 from das.domain.vehicle import BrakePolicy
+from das.solver.kernels.tuples import Moves
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import DecisionGrid, Transitions
+from das.solver.solve import DecisionGrid, empty_moves
 from tests.support.closeness import assert_close
 from tests.support.making import make_route
 from tests.support.plain_solver import plain_transitions
@@ -43,13 +44,11 @@ SECTIONS = {
 }
 
 
-def one_speed_after_the_other(section: Section) -> Transitions:
+def one_speed_after_the_other(section: Section) -> Moves:
     grid = DecisionGrid.of(section)
     nodes = len(grid.node_m) - 1
-    moves = Transitions.empty(nodes, grid.speed_steps + 1)
-    plain_transitions(
-        0, nodes, grid.line, grid.bounds, grid.speed_steps, section.train, section.loss_params, moves.moves
-    )
+    moves = empty_moves(nodes, section.speed_steps + 1)
+    plain_transitions(0, nodes, grid.line, grid.bounds, section.speed_steps, section.train, section.loss_params, moves)
     return moves
 
 
@@ -57,11 +56,11 @@ def one_speed_after_the_other(section: Section) -> Transitions:
 def test_moves_are_those_of_one_speed_after_the_other(case: str) -> None:
     """Another order of sums moves a cost by 1e-12 of it; a landing on the very end of the grid may be in or out."""
     found, expected = all_moves(SECTIONS[case]), one_speed_after_the_other(SECTIONS[case])
-    same = found.count == expected.count
+    same = found.filled == expected.filled
     assert same.mean() > 0.99
-    assert (np.abs(found.count - expected.count) <= 1).all()
+    assert (np.abs(found.filled - expected.filled) <= 1).all()
     landing = np.arange(found.time_s.shape[2])
-    used = same[..., np.newaxis] & (landing < found.count[..., np.newaxis])
+    used = same[..., np.newaxis] & (landing < found.filled[..., np.newaxis])
     assert_close(found.energy_j[used], expected.energy_j[used], rel=1e-9, absolute=1e-3)
     assert_close(found.time_s[used], expected.time_s[used], rel=1e-6, absolute=1e-12)
     assert_close(
@@ -74,11 +73,11 @@ def test_moves_are_those_of_one_speed_after_the_other(case: str) -> None:
 def test_the_same_section_has_the_same_bytes_however_it_is_cut_into_parts() -> None:
     section = SECTIONS["a loss map"]
     grid, whole = DecisionGrid.of(section), all_moves(section)
-    nodes, states = whole.count.shape
-    parts = Transitions.empty(nodes, states)
+    nodes, states = whole.filled.shape
+    parts = empty_moves(nodes, states)
     for first, last in ((0, 3), (3, nodes - 4), (nodes - 4, nodes)):
         grid.fill(first, last, 0, parts)
-    filled = np.arange(whole.time_s.shape[2]) < whole.count[..., np.newaxis]
+    filled = np.arange(whole.time_s.shape[2]) < whole.filled[..., np.newaxis]
     for name in ("time_s", "energy_j", "target", "weight"):
         assert (getattr(whole, name)[filled] == getattr(parts, name)[filled]).all()
-    assert (whole.count == parts.count).all()
+    assert (whole.filled == parts.filled).all()

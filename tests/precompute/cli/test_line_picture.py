@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from das.domain.files.load import load_route
-from das.domain.plotted import PlottedFront
 from das.domain.route import Route, Stretches
 from das.drawing.picture import Picture, draw_fronts
+from das.drawing.plotted import PlottedFront
 from precompute.cli.route_report import draw_line
 
 FLAT, HILLY = load_route("flat-6km"), load_route("zurich-luzern")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.bus.restrictions import encode_restriction
+from das.bus.topics import encode_restriction
 from das.cab.heard import ToldRestriction
 from das.domain.restriction import COUNTS_AFTER_S, COUNTS_BEFORE_S, Restriction
 from sim.drive.attribution import Epoch, epochs_of

@@ -14,7 +14,7 @@ from mcap import records
 
 from das.bus import das_pb2, topics
 from das.bus.recording import Recording
-from das.bus.restrictions import decode_restriction
+from das.bus.topics import decode_restriction
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.restriction import Restriction

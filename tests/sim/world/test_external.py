@@ -20,9 +20,8 @@ import pytest
 from das.advice.reason import Reason, ReasonCode
 from das.bus import das_pb2
 from das.bus.recording import read_recording
-from das.bus.restrictions import decode_restriction
 from das.bus.session import endpoint, free_ports
-from das.bus.topics import CAB, CONTROLS, LOG, Topic
+from das.bus.topics import CAB, CONTROLS, LOG, Topic, decode_restriction
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction

@@ -14,8 +14,9 @@ import pytest
 from das.cab.heard import TargetsHeard
 from das.domain.errors import DasError, InfeasibleError, InputError
 from das.domain.files.load import load_vehicle
-from das.domain.journey import Passing, Window
+from das.domain.journey import Window
 from das.domain.units import NS
+from das.offline.asked_journey import Passing
 from sim.drive.calls import (
     PASSINGS,
     DuePassing,

@@ -15,9 +15,10 @@ from das.domain.errors import MOST_OF_A_MESSAGE, DasError, InputError
 from das.domain.files import routes
 from das.domain.files.load import catalogue, load_route
 from das.domain.files.reading import MOST_BYTES, MOST_ROWS, read_text, read_toml
-from das.domain.files.routes import MOST_POINTS, MOST_STOPS, read_journey, read_route
+from das.domain.files.routes import MOST_POINTS, MOST_STOPS, read_route
 from das.domain.files.vehicles import read_loss_map, read_vehicle
 from das.offline import ttobench
+from das.offline.asked_journey import read_journey
 from tests.das.domain.files.refusing import Read, refused
 from tests.das.domain.files.test_routes import ROUTE
 from tests.das.domain.files.test_vehicles import VEHICLE

@@ -16,8 +16,9 @@ import pytest
 from das.domain.errors import DasError, InputError
 from das.domain.files.load import catalogue, load_journey, load_route, load_vehicle
 from das.domain.files.routes import read_route
-from das.domain.journey import Call, Journey, Passing, Window, clock
+from das.domain.journey import Window
 from das.domain.route import Route, Stop
+from das.offline.asked_journey import Call, Journey, Passing, clock
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from precompute.cli.journey import JourneyFiles, StopsOptions

@@ -9,7 +9,8 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.files.load import load_vehicle
-from das.domain.files.vehicles import read_loss_chain, read_vehicle
+from das.domain.files.reading import read_toml
+from das.domain.files.vehicles import read_chain, read_vehicle
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.vehicle import BrakePolicy
@@ -86,19 +87,12 @@ def test_a_good_vehicle(tmp_path: Path) -> None:
     assert train.default_level is Level.L2
     assert train.losses[Level.OWN] == EfficiencyLoss.from_efficiencies(0.9, 0.8)
     assert train.losses[Level.L2] == EfficiencyLoss.symmetric(0.85, 20e3)
-    assert read_loss_chain(path) == CHAIN
+    assert read_chain(read_toml(path).table("losses").table("l3")) == CHAIN
     loss_map = train.losses[Level.L3]
     assert isinstance(loss_map, LossMap)
     assert loss_map.speed_mps[-1] >= train.max_speed_mps
     force, speed = np.array([50e3, -40e3, 0.0]), np.array([20.0, 30.0, 35.0])
     assert loss_map.loss_w(force, speed) == pytest.approx(CHAIN.loss_w(force, speed), rel=1e-9)
-
-
-def test_a_loss_chain_is_read_only_where_there_is_one(tmp_path: Path) -> None:
-    path = tmp_path / "t.toml"
-    path.write_text(VEHICLE[: VEHICLE.index("[losses.l3]")] + '[losses.l3]\nkind = "csv"\npath = "map.csv"\n')
-    with pytest.raises(DasError, match=r"t\.toml: losses\.l3\.kind = 'csv': expected components$"):
-        read_loss_chain(path)
 
 
 BAD_VEHICLES = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from das.domain.journey import Window
 from das.domain.route import Route
 from das.domain.summary import Summary, needs
+
+if TYPE_CHECKING:
+    from das.domain.losses import LossModel
+    from das.domain.trajectory import Trajectory
+    from das.solver.section import Section
 
 Floats = NDArray[np.float64]
 
@@ -82,7 +87,7 @@ class PlottedFront:
 
 
 class Plottable(Protocol):
-    """Anything that pictures can show as a run."""
+    """Anything else that pictures can show as a run: a planned journey, a simulated run, a drive."""
 
     def plotted(self) -> PlottedRun:
         """The run for a picture."""
@@ -90,3 +95,30 @@ class Plottable(Protocol):
 
 NEAR_M = 50.0
 """Distance (m) by which a stop of a run may lie beyond the run's ends: trains stop with an error of metres."""
+
+
+def plotted(
+    trajectory: Trajectory, loss: LossModel | None = None, route: Route | None = None, *names: str
+) -> PlottedRun:
+    """A trajectory for a picture. Its energy requires the losses; the names of stops require the line."""
+    columns = trajectory.columns()
+    energy_j = None
+    if loss is not None:  # standing time between two sections has no energy, as in the balances of the sections
+        drawn_j = np.where(np.diff(trajectory.s_m) > 0, trajectory.input_j(trajectory.loss_j(loss)), 0.0)
+        energy_j = np.concatenate(([0.0], np.cumsum(drawn_j)))
+    return PlottedRun(
+        names=names,
+        time_s=trajectory.t_s,
+        s_m=trajectory.s_m,
+        speed_mps=trajectory.v_mps,
+        limit_mps=columns["limit_mps"],
+        force_el_n=columns["force_el_n"],
+        force_friction_n=columns["force_friction_n"],
+        energy_j=energy_j,
+        route=route,
+    )
+
+
+def plotted_on(section: Section, trajectory: Trajectory) -> PlottedRun:
+    """A trajectory of any strategy on a section, for a picture, with its energy and the stops of its line."""
+    return plotted(trajectory, section.loss, section.route, *section.titles)
