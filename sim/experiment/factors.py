@@ -134,48 +134,40 @@ class KnownFactor:
     read: Callable[[Fields, str, Any], FactorLevel]
 
 
-def _parameter(name: str) -> KnownFactor:
-    """The factor of a parameter of human drivers."""
-    about = HumanParameters.__dataclass_fields__[name].metadata
-    low, high, unit = about["low"], about["high"], about["unit"].replace("–", "")
+def _choice(name: str, title: str, meaning: str, kind: Any) -> KnownFactor:
+    """A factor whose levels are the members of an enumeration."""
 
-    return KnownFactor(
-        name=f"{OF_HUMAN}{name}", title=name, unit=unit, expected=f"{low:g} to {high:g}",
-        read=_number(low, high, unit or "a ratio"),
-        meaning=f"of human drivers: {about['meaning']}",
-    )  # fmt: skip
-
-
-def _number(low: float, high: float, unit: str) -> Callable[[Fields, str, Any], FactorLevel]:
-    def read(table: Fields, key: str, value: Any) -> FactorLevel:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise table.error(key, value, f"a number from {low:g} to {high:g} ({unit})")
-        return FactorLevel(text=f"{value:.12g}", value=float(value))
-
-    return read
-
-
-def _choice(kind: Any) -> Callable[[Fields, str, Any], FactorLevel]:
     def read(table: Fields, key: str, value: Any) -> FactorLevel:
         if not isinstance(value, str) or value not in list(kind):
             raise table.error(key, value, one_of(kind, value))
         return FactorLevel(text=value, value=kind(value))
 
-    return read
+    return KnownFactor(name=name, title=title, meaning=meaning, unit="", expected=", ".join(kind), read=read)
 
 
-def _seconds(most_s: float, *, or_all: bool = False) -> Callable[[Fields, str, Any], FactorLevel]:
-    """A reader of times up to `most_s`; with `or_all` it also reads "all", as infinity."""
+def _number(
+    name: str, title: str, meaning: str, ends: tuple[float, float], unit: str = "", *, or_all: bool = False
+) -> KnownFactor:
+    """A factor whose levels are numbers between two ends; with `or_all` also "all", read as infinity."""
+    low, high = ends
+    otherwise = ', or "all"' if or_all else ""
 
     def read(table: Fields, key: str, value: Any) -> FactorLevel:
         if or_all and value == "all":
             return FactorLevel(text="all", value=math.inf)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= most_s:
-            expected = f"a number from 0 to {most_s:g} (s)" + (', or "all"' if or_all else "")
-            raise table.error(key, value, expected)
-        return FactorLevel(text=f"{value:g}", value=float(value))
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise table.error(key, value, f"a number from {low:g} to {high:g} ({unit or 'a ratio'}){otherwise}")
+        return FactorLevel(text=f"{value:.12g}", value=float(value))
 
-    return read
+    expected = f"{low:g} to {high:g} {unit}".rstrip() + otherwise
+    return KnownFactor(name=name, title=title, meaning=meaning, unit=unit, expected=expected, read=read)
+
+
+def _parameter(name: str) -> KnownFactor:
+    """The factor of a parameter of human drivers."""
+    about = HumanParameters.__dataclass_fields__[name].metadata
+    meaning, ends = f"of human drivers: {about['meaning']}", (about["low"], about["high"])
+    return _number(f"{OF_HUMAN}{name}", name, meaning, ends, about["unit"].replace("–", ""))
 
 
 def _shown(table: Fields, key: str, value: Any) -> FactorLevel:
@@ -219,29 +211,12 @@ def _driver(table: Fields, key: str, value: Any) -> FactorLevel:
 FACTORS: Final = {
     one.name: one
     for one in (
-        KnownFactor(
-            name="presentation", title="Presentation", unit="", read=_choice(Presentation),
-            meaning="content of the display, for the same advice", expected=", ".join(Presentation),
-        ),
-        KnownFactor(
-            name="loss_level", title="Loss level of the advice", unit="", read=_choice(Level),
-            meaning="losses used to plan the advice; those of the true train stay",
-            expected=", ".join(Level),
-        ),
-        KnownFactor(
-            name="update_interval_s", title="Update interval", unit="s", read=_seconds(LONGEST_S),
-            meaning="update interval of the display", expected=f"0 to {LONGEST_S:g} s",
-        ),
-        KnownFactor(
-            name="hold_s", title="Hold time", unit="s", read=_seconds(LONGEST_S),
-            meaning="minimum display time, except for advice to brake",
-            expected=f"0 to {LONGEST_S:g} s",
-        ),
-        KnownFactor(
-            name="preview_s", title="Preview", unit="s", read=_seconds(LONGEST_PREVIEW_S, or_all=True),
-            meaning="length of the display's preview",
-            expected=f'0 to {LONGEST_PREVIEW_S:g} s, or "all"',
-        ),
+        _choice("presentation", "Presentation", "content of the display, for the same advice", Presentation),
+        _choice("loss_level", "Loss level of the advice", "losses used to plan the advice; those of the true train "
+                "stay", Level),
+        _number("update_interval_s", "Update interval", "update interval of the display", (0.0, LONGEST_S), "s"),
+        _number("hold_s", "Hold time", "minimum display time, except for advice to brake", (0.0, LONGEST_S), "s"),
+        _number("preview_s", "Preview", "length of the display's preview", (0.0, LONGEST_PREVIEW_S), "s", or_all=True),
         KnownFactor(
             name="reason", title="Reason shown", unit="", read=_shown,
             meaning="whether the display shows the reason for the advice", expected="true, false",
@@ -250,19 +225,11 @@ FACTORS: Final = {
             name="punctuality", title="Punctuality shown", unit="", read=_shown,
             meaning="whether the page of a person at the desk shows the delay", expected="true, false",
         ),
-        KnownFactor(
-            name="friction", title="Friction policy", unit="", read=_choice(FrictionPolicy),
-            meaning="brake that a human driver uses if the motors could brake", expected=", ".join(FrictionPolicy),
-        ),
-        KnownFactor(
-            name="buffer_percent", title="Buffer", unit="%", read=_number(0.0, MOST_BUFFER_PERCENT, "%"),
-            meaning="buffer of a timetable without a journey, above the least time with service braking",
-            expected=f"0 to {MOST_BUFFER_PERCENT:g} %",
-        ),
-        KnownFactor(
-            name="receptivity_ratio", title="Receptivity", unit="", read=_number(0.0, 1.0, "a ratio"),
-            meaning="share of fed-back power that the line accepts", expected="0 to 1",
-        ),
+        _choice("friction", "Friction policy", "brake that a human driver uses if the motors could brake",
+                FrictionPolicy),
+        _number("buffer_percent", "Buffer", "buffer of a timetable without a journey, above the least time with "
+                "service braking", (0.0, MOST_BUFFER_PERCENT), "%"),
+        _number("receptivity_ratio", "Receptivity", "share of fed-back power that the line accepts", (0.0, 1.0)),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,
             meaning="line, timetable and disturbances",
