@@ -52,12 +52,8 @@ STOPS: Final = (
     StopFields("Europe/Berlin", "stops", "station.name", "scheduledArrivalTime", "scheduledDepartureTime"),
     StopFields("Europe/Paris", "stops", "label name", "theoricDate", "theoricDate", dwell_min="duration"),
     StopFields(
-        "Europe/Vienna", "stations", "name.de name.all", "arrival.scheduled", "departure.scheduled",
+        "Europe/Vienna", "stations", "name.de", "arrival.scheduled", "departure.scheduled",
         at="latestStatus.dateTime",
-    ),
-    StopFields(
-        "Europe/Vienna", "stationList", "name.all name.de", "arrivalSchedule", "departureSchedule",
-        at="operationalMessagesInfo.time",
     ),
     StopFields(
         "Europe/Prague", "connexionTimes", "station.name", "timeArrival", "timeDeparture", "station.gpsLat",

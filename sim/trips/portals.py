@@ -2,7 +2,7 @@
 
 `PORTALS` declares the fields and the units of each portal. Sources: microG/GmsCore (moving Wi-Fi), KDE's
 kpublictransport (on-board scripts), felix-zenk/onboardapis, liclac/ambient, lightsprint09/ICEOnboardAPI; and the
-recorders hija/iceportal-status-logger, MelliTiger/trackbash, maehw/oebb-train-localizer-speedometer.
+recorders hija/iceportal-status-logger, MelliTiger/trackbash.
 """
 
 from __future__ import annotations
@@ -28,9 +28,8 @@ class Portal:
 
     "a.b" is the field b of an object a; "b" is one of any object, or a column. Of several names in a text, the first
     that occurs in a file counts. All fields in one of the texts `marks` (or `weak_marks`, if there are no marks of any
-    portal) show that an answer is this portal's; a name that begins with a capital letter is compared as written, "!"
-    means absent. `lost` are patterns of values that say that the position is not the present one. `without_header` are
-    the columns of a recorder that writes no header.
+    portal) show that an answer is this portal's; a mark that begins with a capital letter is compared as written.
+    `lost` are patterns of values that say that the position is not the present one.
     """
 
     name: str
@@ -43,7 +42,6 @@ class Portal:
     time: str = ""
     zone: str | None
     lost: dict[str, str] = field(default_factory=dict)
-    without_header: str = ""
 
 
 PORTALS: Final = (
@@ -55,33 +53,24 @@ PORTALS: Final = (
         name="Deutsche Bahn (iceportal.de)", zone="Europe/Berlin",
         marks=("latitude serverTime", "latitude gpsStatus", "latitude tzn"),
         time="serverTime", lost={"gpsStatus": r"(?!valid$).*"},
-        without_header="serverTime latitude longitude speed",
-    ),
-    Portal(
-        name="ÖBB (railnet.oebb.at)", zone="Europe/Vienna",
-        marks=("gpsPosition.latitude", "mapInfo.latitude", "latitude velocity", "Latitude Longitude !Speed"),
-        latitude="gpsPosition.latitude mapInfo.latitude latitude",
-        longitude="gpsPosition.longitude mapInfo.longitude longitude",
-        weak_marks=("gps.latitude gps.longitude speed !altitude",),
-        speed="latestStatus.speed operationalMessagesInfo.speed velocity speed",
-        time="latestStatus.dateTime operationalMessagesInfo.time",
-        without_header="datetime velocity latitude longitude",
-    ),
-    Portal(  # The sources disagree on the unit of the speed in this answer, so it is not used.
-        name="ÖBB (railnet.oebb.at/api/gps)", zone="Europe/Vienna",
-        marks=("JSON.lat JSON.lon",), latitude="JSON.lat", longitude="JSON.lon", speed="",
-    ),
-    Portal(
-        name="SJ and others with Icomera (ombord.info)", zone=None, speed_unit="speed_mps",
-        marks=("latitude speed satellites", "latitude speed cmg", "latitude speed mode"),
-        weak_marks=("latitude speed altitude time !timestamp",),
-        time="time", lost={"satellites": r"0*(\.0*)?", "mode": r"[01](\.0*)?"},
     ),
     Portal(
         name="SNCF (wifi.sncf)", zone="Europe/Paris", speed_unit="speed_mps",
         marks=("latitude speed fix", "latitude speed success", "latitude speed heading"),
         weak_marks=("latitude speed altitude timestamp",),
         time="timestamp", lost={"success": r"false|0", "fix": r"false|0(\.0*)?"},
+    ),
+    Portal(
+        name="SJ and others with Icomera (ombord.info)", zone=None, speed_unit="speed_mps",
+        marks=("latitude speed satellites", "latitude speed cmg", "latitude speed mode"),
+        weak_marks=("latitude speed altitude time",),
+        time="time", lost={"satellites": r"0*(\.0*)?", "mode": r"[01](\.0*)?"},
+    ),
+    Portal(
+        name="ÖBB (railnet.oebb.at)", zone="Europe/Vienna",
+        marks=("gpsPosition.latitude", "Latitude Longitude speed"), weak_marks=("gps.latitude gps.longitude speed",),
+        latitude="gpsPosition.latitude latitude", longitude="gpsPosition.longitude longitude",
+        speed="latestStatus.speed speed", time="latestStatus.dateTime",
     ),
 )  # fmt: skip
 RECORDED: Final = (
@@ -95,8 +84,7 @@ JSON_START: Final = re.compile(rb"[\xef\xbb\xbf\s]*([\w$.]*\s*\(\s*)?[{\[]")
 _BETWEEN: Final = re.compile(r"[\s,\[\]();]*(?:[A-Za-z_$][\w.$]*\s*\(\s*)?")
 """Punctuation between two answers: that of JSON lines, of an array and of JSONP."""
 _PARTS: Final = re.compile(r"[._/ ]+")
-_DAY: Final = re.compile(r"\d{4}-\d\d-\d\d[T ]")
-LOCAL_TIME: Final = re.compile(_DAY.pattern + r"[\d:.,]+")
+LOCAL_TIME: Final = re.compile(r"\d{4}-\d\d-\d\d[T ][\d:.,]+")
 """A time without its zone."""
 _DECODER: Final = json.JSONDecoder(parse_float=str, parse_int=str, parse_constant=str)
 _SHOWN: Final = 6
@@ -121,18 +109,17 @@ def field_of(names: Sequence[Name], wanted: str, beside: Name = ()) -> Name | No
     return None
 
 
-def _occurs(names: Sequence[Name], one: str) -> bool:
-    """Whether a field of a mark occurs, or for "!" does not."""
-    if one.startswith("!"):
-        return not _occurs(names, one[1:])
-    return any(".".join(name).endswith(one) for name in names) if one[0].isupper() else field_of(names, one) is not None
+def _shows(names: Sequence[Name], mark: str) -> bool:
+    """Whether the fields of a mark occur."""
+    if mark[0].isupper():
+        return {name[-1] for name in names} >= set(mark.split())
+    return all(field_of(names, one) is not None for one in mark.split())
 
 
 def portal_of(names: Sequence[Name]) -> Portal | None:
     """The portal whose answers have these fields; None if none is known."""
-    ranked = [(mark, one) for one in PORTALS for mark in one.marks]
-    ranked += [(mark, one) for one in PORTALS for mark in one.weak_marks]
-    return next((one for mark, one in ranked if all(_occurs(names, field) for field in mark.split())), None)
+    ranked = [(one, one.marks) for one in PORTALS] + [(one, one.weak_marks) for one in PORTALS]
+    return next((one for one, marks in ranked if any(_shows(names, mark) for mark in marks)), None)
 
 
 def json_values(text: str) -> Iterator[tuple[Any, int]]:
@@ -141,24 +128,19 @@ def json_values(text: str) -> Iterator[tuple[Any, int]]:
     Numbers are left as text. What cannot be read, like the end of a file whose recorder was killed, is one object {}.
     """
     at, line, readable = 0, 1, True
-    while True:
-        between = _BETWEEN.match(text, at)
-        start = at if between is None else between.end()
+    while (start := next(_BETWEEN.finditer(text, at)).end()) < len(text):
         line += text.count("\n", at, start)
-        if start == len(text):
-            return
-        value = None
-        if text[start] == "{":
-            try:
-                value, at = _DECODER.raw_decode(text, start)
-            except (ValueError, RecursionError):
-                value = None
-        if value is None:
-            at = text.find("\n", start) % (len(text) + 1)
-        if readable or value is not None:
-            yield value or {}, line
+        was_readable = readable
+        try:
+            value, at = _DECODER.raw_decode(text, start)
+            readable = isinstance(value, dict)
+        except (ValueError, RecursionError):
+            readable = False
+        if not readable:
+            value, at = {}, text.find("\n", start) % (len(text) + 1)
+        if readable or was_readable:
+            yield value, line
         line += text.count("\n", start, at)
-        readable = value is not None
 
 
 def flat(value: Any, at: Name = ()) -> Iterator[tuple[Name, str]]:
@@ -170,25 +152,18 @@ def flat(value: Any, at: Name = ()) -> Iterator[tuple[Name, str]]:
         yield at, "" if value is None else str(value).strip()
 
 
-def csv_answers(titles: Sequence[str], rows: Sequence[Sequence[str]], first: int) -> list[tuple[Answer, int]]:
-    """The answers in the rows of a table from line `first` on, and their lines, without blank ones.
+def column_names(titles: Iterable[str]) -> list[Name]:
+    """The names of fields in the columns of a table."""
+    return [tuple(_PARTS.split(title)) for title in titles]
+
+
+def csv_answers(names: Sequence[Name], rows: Iterable[Sequence[str]]) -> list[tuple[Answer, int]]:
+    """The answers in the rows below the header of a table, and their lines, without blank ones.
 
     A row that was cut lacks its last fields; one with too many is empty.
     """
-    names, kept = (
-        [tuple(_PARTS.split(title)) for title in titles],
-        [(row, line) for line, row in enumerate(rows, first) if any(row)],
-    )
-    return [(dict(zip(names, row, strict=False)) if len(row) <= len(names) else {}, line) for row, line in kept]
-
-
-def without_header(cells: Sequence[str]) -> list[str]:
-    """The columns of a file without a header, by its first cell, a time; empty if no portal's recorder fits."""
-    is_ms = cells[0].isdecimal() and float(cells[0]) >= LEAST_MS
-    for columns in (one.without_header.split() for one in PORTALS):
-        if len(columns) == len(cells) and (is_ms if columns[0] == "serverTime" else _DAY.match(cells[0])):
-            return columns
-    return []
+    kept = [(row if len(row) <= len(names) else (), line) for line, row in enumerate(rows, start=2) if any(row)]
+    return [(dict(zip(names, row, strict=False)), line) for row, line in kept]
 
 
 def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[list[str]]]:

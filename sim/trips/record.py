@@ -257,15 +257,13 @@ def _read_csv(path: Path) -> Reading:
     Raises DasError or InputError (file, line, value, expectation).
     """
     table = CellTable.read(path, "trip", WITHOUT_HEADER)
-    titles = table.titles or portals.without_header(table.rows[0])
     try:
-        columns = {} if table.first == 1 and titles else _columns(path, table.names)
+        columns = _columns(path, table.names)
     except InputError:
-        columns, ((header, _),) = {}, portals.csv_answers(titles, [titles], 1)
-        if portals.portal_of(list(header)) is None:
+        names = portals.column_names(table.titles)
+        if portals.portal_of(names) is None:
             raise
-    if not columns:
-        return _of_portal(path, portals.csv_answers(titles, table.rows, table.first))
+        return _of_portal(path, portals.csv_answers(names, table.rows))
     rows = table.body()
     used = {index for index, _ in columns.values()}
     unread = tuple(name for i, name in enumerate(table.names) if i not in used)

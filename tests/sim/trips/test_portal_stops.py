@@ -96,14 +96,6 @@ def austria(stops: Any, day: bool = True) -> dict[str, Any]:
     return {"stations": listed, "latestStatus": {"dateTime": "2026-03-02T10:06:00+0100"} if day else {}}
 
 
-def austria_older(stops: Any) -> dict[str, Any]:
-    listed = [
-        {"name": {"all": name}, "arrivalSchedule": arrival or "", "departureSchedule": leaves or ""}
-        for name, _, arrival, leaves in stops
-    ]
-    return {"stationList": listed, "operationalMessagesInfo": {"time": str(NEAR_NS // 10**9)}}
-
-
 def czechia(stops: Any) -> dict[str, Any]:
     listed = []
     for name, at_m, arrival, leaves in stops:
@@ -114,7 +106,7 @@ def czechia(stops: Any) -> dict[str, Any]:
     return {"id": 1, "name": "rj 1", "connexionTimes": listed}
 
 
-FORMS = {"germany": germany, "france": france, "austria": austria, "austria_older": austria_older, "czechia": czechia}
+FORMS = {"germany": germany, "france": france, "austria": austria, "czechia": czechia}
 
 
 def written(folder: Path, value: Any, name: str = "stops.json") -> str:

@@ -117,22 +117,6 @@ def test_numbers_may_have_a_decimal_comma(tmp_path: Path, form: str) -> None:
     check(read_trip(written(tmp_path, as_csv(form, ";", comma=True))).record, form)
 
 
-NO_HEADER = {
-    "germany": ", ".join(("{ms}", "{lat}", "{lon}", "{kmh}")),
-    "austria_apart": ";".join(("{local}", "{kmh}", "{lat}", "{lon}")),
-}
-
-
-@pytest.mark.parametrize("form", NO_HEADER)
-def test_two_recorders_write_no_header(tmp_path: Path, form: str) -> None:
-    rows = []
-    for fix in FIXES:
-        assert fix.speed_mps is not None
-        place = {"lat": fix.latitude_deg, "lon": fix.longitude_deg, "kmh": fix.speed_mps / KMH}
-        rows.append(NO_HEADER[form].format(ms=fix.time_ns // 10**6, local=local(fix), **place))
-    check(read_trip(written(tmp_path, "\n".join(rows) + "\n")).record, form)
-
-
 MINIMAL: dict[str, str] = {
     "germany": '{{"serverTime": {ms}, "latitude": {lat}, "longitude": {lon}, "speed": {kmh}}}',
     "germany as text": '{{"serverTime": "{ms}", "latitude": "{lat}", "longitude": "{lon}", "speed": "{kmh}"}}',
@@ -166,13 +150,6 @@ def test_positions_without_speeds_are_read(tmp_path: Path) -> None:
         f'{{"time": {fix.time_ns / 1e9}, "gpsLat": {fix.latitude_deg}, "gpsLng": {fix.longitude_deg}}}' for fix in FIXES
     ]
     assert np.isnan(read_trip(written(tmp_path, "\n".join(texts))).record.speed_mps).all()
-    answers = [
-        {"time": fix.time_ns / 1e9, "JSON": {"lat": fix.latitude_deg, "lon": fix.longitude_deg, "speed": 9}}
-        for fix in FIXES
-    ]
-    record = read_trip(written(tmp_path, json.dumps(answers))).record
-    assert np.isnan(record.speed_mps).all(), "the sources disagree on the unit of this speed"
-    assert record.latitude_deg == pytest.approx([fix.latitude_deg for fix in FIXES])
 
 
 @pytest.mark.parametrize("cut", [1, 90])
