@@ -85,8 +85,9 @@ class Instance(NamedTuple):
 
 
 Row = Mapping[str, str]
-Rows = dict[tuple[Instance, float], Row]
-"""Rows by problem and longest running time (s)."""
+Key = tuple[Instance, float]
+"""Problem and longest running time (s) of a row."""
+Rows = dict[Key, Row]
 
 
 def constant(traction: float, brake: float) -> str:
@@ -94,10 +95,10 @@ def constant(traction: float, brake: float) -> str:
     return f"constant {traction:g}/{brake:g}"
 
 
-def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[Instance, float, Row]]:
-    """Instance, time (s) and cells of each row of a table; InputError for a missing column or an invalid cell."""
+def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[Key, Row]]:
+    """Key and cells of each row of a table; InputError for a missing column or an invalid cell."""
     table = csv.DictReader(io.StringIO(read_text(path)), restval="")
-    found: list[tuple[Instance, float, Row]] = []
+    found: list[tuple[Key, Row]] = []
     try:
         rows = list(table)
     except csv.Error as error:
@@ -110,7 +111,7 @@ def read_rows(path: Path, columns: Sequence[str] = tuple(CELLS)) -> list[tuple[I
                 raise InputError(path, f"line {number}, {name}", row[name], expected)
         own = CONSTANT.fullmatch(row["loss_model"])
         model = constant(*map(float, own.groups())) if own else row["loss_model"]
-        found.append((Instance(row["track"], row["train"], model, row["brakes"]), float(row["time_s"]), row))
+        found.append(((Instance(row["track"], row["train"], model, row["brakes"]), float(row["time_s"])), row))
     return found
 
 
@@ -165,14 +166,12 @@ def solved(problem: Instance, section: Section, times_s: Iterable[float]) -> Ite
         yield time_s, {**problem._asdict(), "time_s": f"{time_s:.10g}", **dict(figures)}
 
 
-def solve_missing(
-    folder: Path, maps: Mapping[str, LossMap], asked: Iterable[tuple[Instance, float]], out: Path
-) -> Rows:
+def solve_missing(folder: Path, maps: Mapping[str, LossMap], asked: Iterable[Key], out: Path) -> Rows:
     """Solve the asked problems and every pair of a folder of TTOBench, except rows that the file has; returns all rows.
 
     The file is written after each section, so that an interrupted run continues there.
     """
-    rows: Rows = {(one, time_s): row for one, time_s, row in read_rows(out, COLUMNS)} if out.exists() else {}
+    rows: Rows = dict(read_rows(out, COLUMNS)) if out.exists() else {}
     pairs = list(every_pair(folder))
     times: dict[Instance, set[float]] = {one: set() for one in pairs}
     for problem, time_s in asked:
@@ -212,16 +211,15 @@ def provenance() -> dict[str, str]:
     return {"machine": machine, "version": das.__version__, "commit": head + ("-changed" if changed else "")}
 
 
-def comparison(theirs: Iterable[tuple[Instance, float, Row]], rows: Rows) -> Iterator[str]:
-    """A Markdown table of energies beside our energy and bound for the same time; rows without ours are left out."""
+def comparison(common: Iterable[tuple[Key, Row, Row]]) -> Iterator[str]:
+    """A Markdown table of the energies in rows of others beside those of our rows of the same key."""
     yield "| track | train | losses | brakes | time s | theirs kWh | ours kWh | bound kWh | theirs above ours |"
     yield f"|{'---|' * 4}{'---:|' * 5}"
-    for problem, time_s, row in theirs:
-        if ours := rows.get((problem, time_s)):
-            their_kwh, our_kwh = float(row["energy_kwh"]), float(ours["energy_kwh"])
-            above = f"{100.0 * (their_kwh - our_kwh) / abs(our_kwh):+.2f} %"
-            figures = f"{time_s:g} | {their_kwh:.2f} | {our_kwh:.2f} | {ours['bound_kwh'][:-2]} | {above}"
-            yield f"| {' | '.join(problem)} | {figures} |"
+    for (problem, time_s), theirs, ours in common:
+        their_kwh, our_kwh = float(theirs["energy_kwh"]), float(ours["energy_kwh"])
+        above = f"{100.0 * (their_kwh - our_kwh) / abs(our_kwh):+.2f} %"
+        figures = f"{time_s:g} | {their_kwh:.2f} | {our_kwh:.2f} | {ours['bound_kwh'][:-2]} | {above}"
+        yield f"| {' | '.join(problem)} | {figures} |"
 
 
 def results(ttobench: Path | None, loss_map: Path | None, compare: Path, out: Path) -> None:
@@ -230,21 +228,20 @@ def results(ttobench: Path | None, loss_map: Path | None, compare: Path, out: Pa
     if ttobench is None:
         if loss_map is not None:
             raise DasError("--loss-map: expected together with --ttobench FOLDER")
-        rows: Rows = {(one, time_s): row for one, time_s, row in read_rows(out, COLUMNS)}
+        rows = dict(read_rows(out, COLUMNS))
     else:
         check_writable(out, overwrite=True)
         maps = {} if loss_map is None else {f"map {loss_map.stem}": read_loss_map(loss_map)}
         with loading_solver():
             warm_up_refinement()
-        rows = solve_missing(ttobench, maps, [one[:2] for one in theirs], out)
-    for line in comparison(theirs, rows):
+        rows = solve_missing(ttobench, maps, [key for key, _ in theirs], out)
+    common = [(key, row, rows[key]) for key, row in theirs if key in rows]
+    for line in comparison(common):
         tell(line)
-    pairs = [
-        (float(row["energy_kwh"]), rows[one, at_s]["bound_kwh"]) for one, at_s, row in theirs if (one, at_s) in rows
-    ]
-    if low := sum(energy_kwh + ROUNDING_KWH < float(bound or "-inf") for energy_kwh, bound in pairs):
-        warn(f"energies below the proven bound: {low} of {len(pairs)}; integrate in fine steps, and check the problem")
-    if lacking := sum((problem, time_s) not in rows for problem, time_s, _ in theirs):
+    below = (float(row["energy_kwh"]) + ROUNDING_KWH < float(ours["bound_kwh"] or "-inf") for _, row, ours in common)
+    if low := sum(below):
+        warn(f"energies below the proven bound: {low} of {len(common)}; integrate in fine steps, and check the problem")
+    if lacking := len(theirs) - len(common):
         warn(f"{lacking} of {len(theirs)} rows of {compare} have no row for the same time in {out}")
 
 

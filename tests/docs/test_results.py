@@ -58,15 +58,15 @@ def test_a_table_keeps_its_schema(resource: dict[str, Any]) -> None:
 
 
 def test_the_published_rows_hold_together_and_need_no_more_than_the_peer() -> None:
-    rows = {(one, time_s): row for one, time_s, row in read_rows(RESULTS, COLUMNS)}
+    rows = dict(read_rows(RESULTS, COLUMNS))
     for (_, time_s), row in rows.items():
         energy, bound = float(row["energy_kwh"]), float(row["bound_kwh"])
         gap_kwh = float(row["gap_percent"]) * abs(energy) / 100
         assert 0 <= energy - bound == pytest.approx(gap_kwh, abs=1e-4 + 1e-6 * abs(energy))
         assert float(row["least_time_s"]) < float(row["running_time_s"]) <= time_s + TOLERANCE_S
     assert {one[:2] for one, _ in rows} == {(track, train) for track in TRACKS for train in TRAINS}
-    for problem, time_s, theirs in read_rows(PEER):
-        assert float(rows[problem, time_s]["energy_kwh"]) <= float(theirs["energy_kwh"])
+    for key, theirs in read_rows(PEER):
+        assert float(rows[key]["energy_kwh"]) <= float(theirs["energy_kwh"])
 
 
 def integrated_kwh(drive: Drive) -> float:
@@ -95,8 +95,7 @@ def test_a_published_energy_is_found_again_and_integrated_by_a_witness(problem: 
     rows, ends_m = csv_rows(run.trajectory), (section.start_m, section.end_m)
     assert verify(rows, line, train, loss, ends_m=ends_m, end_speeds_mps=(1.0, 1.0)) == []
     witness_kwh = integrated_kwh(Drive(rows, line, train, loss))
-    (published,) = (row for *key, row in read_rows(RESULTS) if key == [problem, time_s])
-    (theirs,) = (row for *key, row in read_rows(PEER) if key == [problem, time_s])
+    published, theirs = (dict(read_rows(table))[problem, time_s] for table in (RESULTS, PEER))
     print(f"{witness_kwh:.4f} kWh, published {published['energy_kwh']}, theirs {theirs['energy_kwh']}")
     assert float(published["energy_kwh"]) == pytest.approx(run.balance.input / KWH, rel=1e-4)
     assert float(published["energy_kwh"]) == pytest.approx(witness_kwh, rel=2e-4)

@@ -86,7 +86,7 @@ class ReferenceResult(NamedTuple):
 
 def reference_results() -> list[ReferenceResult]:
     """Every published result of ms-eetc."""
-    return [ReferenceResult(one, time_s, float(row["energy_kwh"])) for one, time_s, row in read_rows(PEER)]
+    return [ReferenceResult(*key, float(row["energy_kwh"])) for key, row in read_rows(PEER)]
 
 
 LEAST_TIMES_S = {
