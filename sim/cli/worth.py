@@ -15,21 +15,11 @@ from precompute.workers import Workers
 from sim.cli.experiment import RecordingsOption, SchedulerOption
 from sim.cli.options import WorkersOption, check_packages, tell_written
 
-ScenarioOption = Annotated[
-    str | None,
-    typer.Option(
-        "--scenario",
-        metavar="SCENARIO",
-        help="Line, train and timetable instead of the design's: a file, as das-sim example writes, or a bundled name.",
-    ),
-]
-
 
 def worth(
     design: Annotated[
         str, typer.Argument(metavar="DESIGN", help="Bundled design (intercity, suburban, freight), or TOML file.")
     ],
-    scenario: ScenarioOption = None,
     seeds: Annotated[
         int | None, typer.Option(metavar="N", min=3, max=10_000, help="Number of drivers drawn [default: as designed].")
     ] = None,
@@ -40,6 +30,8 @@ def worth(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate what advice would save a fleet: energy, money and CO₂ a year, in five steps from the optimum to people.
+
+    For a fleet of your own, das-sim example writes fleet.toml beside a line, a train and a timetable.
 
     The folder (default: worth-NAME) is that of a study, with trials.csv, and holds worth.md, worth.json and
     tornado.svg. A stopped command goes on; new prices, or other inputs that only scale, need no new trials.
@@ -52,7 +44,7 @@ def worth(
         from sim.experiment.worth.page import findings, print_findings, write_findings
         from sim.experiment.worth.study import run_worth
     with busy("reading the design …"):
-        asked = load_worth(design, scenario, seeds)
+        asked = load_worth(design, seeds)
     folder = Path(f"worth-{asked.name}") if out is None else out
     failed = run_worth(asked, folder, hands, record=recordings).failed
     found = findings(asked, folder)

@@ -251,7 +251,7 @@ def checked_in(design: Design, folder: Path) -> None:
     Raises DasError if the design is rejected.
     """
     if (folder / DESIGN_JSON).exists():
-        check_frozen(design, folder, resolved(design)["hash"])
+        check_frozen(design, folder, resolved(design))
         return
     with made_folder(folder):
         found = check_design(design)

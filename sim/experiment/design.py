@@ -583,7 +583,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
     kept = folder / DESIGN_JSON
     if design.source.is_file():
         if kept.exists():
-            check_frozen(design, folder, found["hash"])
+            check_frozen(design, folder, found)
             return found
         _keep_texts(design.desk or PeoplePlan(), folder)
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
@@ -606,13 +606,13 @@ def _keep_texts(plan: PeoplePlan, folder: Path) -> None:
             write_whole(kept, path.read_bytes())
 
 
-def check_frozen(design: Design, folder: Path, own_sha256: str) -> None:
-    """Raise DasError if the frozen design of a folder is another design, or was altered."""
+def check_frozen(design: Design, folder: Path, own: Mapping[str, Any]) -> None:
+    """Raise DasError if the frozen design of a folder is another than `own`, the design resolved, or was altered."""
     kept = read_json(folder / DESIGN_JSON)
     text = kept.text("hash")
     if text != design_sha256(kept.data):
         raise DasError(f"{folder / DESIGN_JSON}: hash = {text[:12]}…: the file was altered after it was frozen")
-    if text != own_sha256:
-        was, now = text[:12], own_sha256[:12]
+    if text != own["hash"]:
+        keys = [key for key in {**own, **kept.data} if own.get(key) != kept.data.get(key) and key != "hash"]
         how = "expected the same design, or another folder"
-        raise DasError(f"{design.source}: its hash is {now}…, but {folder} holds the frozen design {was}…: {how}")
+        raise DasError(f"{design.source}: {', '.join(keys)}: {folder} holds the frozen design of other values: {how}")

@@ -243,7 +243,7 @@ def recorded(folder: Path, design_file: Path | None, participants: Sequence[str]
     except DasError as error:
         hint = "; --design names the design's own file" if design_file is None else ""
         raise DasError(f"{error}{hint}") from None
-    check_frozen(design, folder, resolved(design)["hash"])
+    check_frozen(design, folder, resolved(design))
     try:
         done = {int(row["trial"]) for row in csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE)))}
     except (KeyError, TypeError, ValueError) as error:

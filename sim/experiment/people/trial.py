@@ -49,7 +49,7 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
     from das.cab.cab import warm_up
 
     design = load_design(given.design)
-    check_frozen(design, Path(given.folder), resolved(design)["hash"])
+    check_frozen(design, Path(given.folder), resolved(design))
     plan, trial = plan_of(design), trials_of(design)[given.number - 1]
     trial = replace(trial, setting=replace(trial.setting, driver=DESK))
     warm_up()

@@ -1,7 +1,6 @@
 """The design of a worth study: a scenario, drawn drivers, and inputs with a value, a range and a source each.
 
-The format: docs/how-to/what-a-fleet-would-save.md. Inputs that a design does not give are those of `defaults.toml`;
-the default values of buffer and receptivity are the scenario's.
+The format: docs/how-to/what-a-fleet-would-save.md.
 """
 
 from __future__ import annotations
@@ -11,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from das.domain.errors import MISSING, DasError
+from das.domain.errors import MISSING
 from das.domain.files.load import bundled_files, locate
 from das.domain.files.reading import Fields, number, read_toml
-from das.domain.units import PERCENT
 from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.design import study_name
 from sim.experiment.factors import FACTORS, FactorLevel, day_of
@@ -24,14 +22,12 @@ SCHEMA_VERSION: Final = 1
 DRIVERS: Final = (3, 10_000)
 """Fewest drivers, whose mean has an interval, and most."""
 USUAL_DRIVERS: Final = 8
-DEFAULTS: Final = Path(__file__).parent / "defaults.toml"
-"""The file of the inputs' default values, ranges and sources."""
 
 
 class KnownInput(NamedTuple):
     """An input: its title, unit, least and greatest value, and whether trials are driven at both ends of its range.
 
-    The result is proportional to an input that is not driven.
+    The result is proportional to an input that is not driven, which is therefore above 0.
     """
 
     title: str
@@ -45,11 +41,11 @@ RECEPTIVITY, BUFFER, HASTE, ELECTRIC = "receptivity_ratio", "buffer_percent", "h
 PRICE, CO2, FOLLOWERS = "price_eur_per_kwh", "co2_g_per_kwh", "followers_ratio"
 TRAINS, DAYS = "trains_per_day", "days_per_year"
 INPUTS: Final = {
-    PRICE: KnownInput("price of energy", "EUR/kWh", 0.0, 10.0),
-    CO2: KnownInput("CO₂ of energy", "g/kWh", 0.0, 3000.0),
-    TRAINS: KnownInput("trains a day", "", 0.0, 1e5),
-    DAYS: KnownInput("days a year", "", 0.0, 366.0),
-    FOLLOWERS: KnownInput("share of trains whose driver follows", "", 0.0, 1.0),
+    PRICE: KnownInput("price of energy", "EUR/kWh", 1e-3, 10.0),
+    CO2: KnownInput("CO₂ of energy", "g/kWh", 1e-3, 3000.0),
+    TRAINS: KnownInput("trains a day", "", 1e-3, 1e5),
+    DAYS: KnownInput("days a year", "", 1e-3, 366.0),
+    FOLLOWERS: KnownInput("share of trains whose driver follows", "", 1e-3, 1.0),
     RECEPTIVITY: KnownInput("receptivity of the network", "", 0.0, 1.0, driven=True),
     BUFFER: KnownInput("buffer of the timetable", "%", 0.0, 1000.0, driven=True),
     HASTE: KnownInput("haste today (1: all-out)", "", 0.0, 1.0, driven=True),
@@ -95,8 +91,8 @@ def bundled_designs() -> dict[str, Path]:
     return bundled_files("sim.experiment.worth", "designs")
 
 
-def load_worth(name_or_path: str, scenario: str | None = None, drivers: int | None = None) -> WorthDesign:
-    """Read a bundled worth design or a TOML file; `scenario` (a name or path) and `drivers` replace the design's.
+def load_worth(name_or_path: str, drivers: int | None = None) -> WorthDesign:
+    """Read a bundled worth design or a TOML file; `drivers` replaces the design's number of drivers.
 
     Raises DasError or InputError (file, key, value, expectation) for anything unusable.
     """
@@ -108,58 +104,38 @@ def load_worth(name_or_path: str, scenario: str | None = None, drivers: int | No
     count, population = main.whole("drivers", DRIVERS, USUAL_DRIVERS), main.text("population", DEFAULT)
     population = str((fields.source.parent / population).resolve()) if population.endswith(".toml") else population
     load_population(population)
-    level = _scenario(main, scenario)
+    scenario = FACTORS["scenario"].read(main, "scenario", main.data.get("scenario", MISSING))
     return WorthDesign(
         name=study_name(main),
         title=main.name("title"),
         source=fields.source,
-        scenario=level,
+        scenario=scenario,
         drivers=count if drivers is None else drivers,
         seed=main.whole("seed", (0, 2**31), 1),
         population=population,
-        inputs=_inputs(fields, day_of(level.value)),
+        inputs=_inputs(fields.table("inputs"), day_of(scenario.value)),
     )
 
 
-def _scenario(main: Fields, asked: str | None) -> FactorLevel:
-    """The scenario of the design, or the one asked for on the command line."""
-    if asked is None:
-        return FACTORS["scenario"].read(main, "scenario", main.data.get("scenario", MISSING))
-    try:
-        return FactorLevel(text=day_of(asked).id, value=str(Path(asked).resolve()) if Path(asked).suffix else asked)
-    except DasError as error:
-        raise DasError(f"--scenario: {error}") from None
-
-
-def _inputs(fields: Fields, scenario: Scenario) -> dict[str, Input]:
-    usual, own = read_toml(DEFAULTS).table("inputs"), fields.optional_table("inputs")
-    own.check_keys(list(INPUTS))
+def _inputs(own: Fields, scenario: Scenario) -> dict[str, Input]:
+    """The inputs of a design; a buffer only if the scenario has no times of its own."""
     timed = scenario.journey is not None or scenario.running_s is not None
     if timed and own.has(BUFFER):
         raise own.error(BUFFER, own.data[BUFFER], f"none, because {scenario.source} states its times")
-    receptivity = scenario.truth.conditions[RECEPTIVITY]
-    of_scenario = {RECEPTIVITY: 0.5 * (receptivity.low + receptivity.high), BUFFER: scenario.buffer_ratio / PERCENT}
-    found = {}
-    for name, known in INPUTS.items():
-        if own.has(name):
-            found[name] = _input(own.table(name), known)
-        elif not (timed and name == BUFFER):
-            one = _input(usual.table(name), known)
-            value = of_scenario.get(name, one.value)
-            found[name] = Input(value=value, low=min(one.low, value), high=max(one.high, value), source=one.source)
-    return found
+    names = [name for name in INPUTS if not (timed and name == BUFFER)]
+    own.check_keys(names)
+    return {name: _input(own.table(name), INPUTS[name]) for name in names}
 
 
 def _input(table: Fields, known: KnownInput) -> Input:
-    """An input; without `low` or `high` it is not varied in that direction."""
     table.check_keys(["value", "low", "high", "source"])
 
-    def read(key: str, low: float, high: float, default: object = MISSING) -> float:
-        value = number(table.source, f"{table.prefix}{key}", table.data.get(key, default))
+    def read(key: str, low: float, high: float) -> float:
+        value = number(table.source, f"{table.prefix}{key}", table.data.get(key, MISSING))
         if not low <= value <= high:
             raise table.error(key, value, f"a number from {low:g} to {high:g} {known.unit}".rstrip())
         return value
 
     value = read("value", known.least, known.most)
-    low, high = read("low", known.least, value, value), read("high", value, known.most, value)
-    return Input(value=value, low=low, high=high, source=table.text("source", table.source.name))
+    low, high = read("low", known.least, value), read("high", value, known.most)
+    return Input(value=value, low=low, high=high, source=table.text("source"))

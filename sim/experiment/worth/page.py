@@ -14,28 +14,33 @@ from das.domain.files.writing import write_whole
 from das.drawing.colors import SEVERAL
 from sim.experiment.analysis.comparing import read_study
 from sim.experiment.worth.inputs import INPUTS, WorthDesign
-from sim.experiment.worth.steps import DRAWN, SHOWN, WorthStep, remarks, steps_of
+from sim.experiment.worth.steps import DRAWN, EUR, SHOWN, WorthStep, remarks, steps_of
 from sim.review.pictures import INK, TEXT_POINTS, light_figure, named
 
 PAGE, FIGURES, TORNADO = "worth.md", "worth.json", "tornado.svg"
 """Files written into the study's folder in addition to those of every study."""
-HEADS: Final = ("step", "kWh a train", "%", "late, s", "≤ 0 s, %", "≤ 60 s, %")
+HEADS: Final = ("step", "kWh", "saved, kWh", "%", "late, s", "≤ 0 s, %", "≤ 60 s, %")
 YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
+UNITS: Final = {"kwh": 1e-3, EUR: 1e-3, "co2_t": 1.0}
+"""Factors from the amounts of a year to the units of `YEAR_HEADS`."""
 LEGEND: Final = {
-    "kWh a train": "energy saved, with the 95 % interval from the drawn drivers",
-    "%": "of the least energy at the timetable's times",
-    "late": "mean delay at the last stop, before → after",
-    "≤ 0 s, ≤ 60 s": "share of trains at most so late, before → after",
+    "kWh": "of a train, before → with advice; trains whose driver does not follow are included from step 3 on",
+    "saved": "with the 95 % interval from the drawn drivers; % of the energy before",
+    "late": "mean delay at the last stop; ≤ 0 s, ≤ 60 s: share of trains at most so late",
 }
 YEAR_WORDS: Final = (
-    "The ranges in brackets combine the interval of the drivers with the ranges of the inputs (root of the sum of "
-    "squares). Only step 4 was also driven at the ends of receptivity, buffer, haste and electric braking."
+    "Ranges combine the interval of the drivers with the ranges of all inputs; only steps 3 and 4 were driven at their "
+    "ends."
 )
 ASSUMED: Final = (
     "No person drove: how the simulated drivers react, follow and err is assumed (docs/reference/drivers.md). Energy "
     "is counted at the current collector, from departure to arrival."
 )
 ROW_IN: Final = 0.4
+
+
+def _kwh(value: float) -> str:
+    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}"
 
 
 def short(value: float) -> str:
@@ -54,7 +59,7 @@ class WorthFindings:
     @property
     def bars(self) -> list[tuple[str, float, float]]:
         """The inputs in words, with the money saved a year (EUR, step 4) at both ends, the longest bar first."""
-        effects = self.steps[SHOWN].effects["eur"].items()
+        effects = self.steps[SHOWN].effects.items()
         bars = [(self._words(name, a > b), min(a, b), max(a, b)) for name, (a, b) in effects if a != b]
         return sorted(bars, key=lambda bar: bar[1] - bar[2])
 
@@ -76,21 +81,32 @@ class WorthFindings:
         found = []
         for name, one in self.numbered:
             was, will = one.before, one.after
-            late = f"{was.late_s:.0f} → {will.late_s:.0f}"
-            shares = ((was.on_time_ratio, will.on_time_ratio), (was.within_minute_ratio, will.within_minute_ratio))
-            cells = [f"{one.saved_kwh:.1f} ± {one.interval_kwh:.1f}", f"{100 * one.saved_ratio:.1f}", late]
-            found.append([name, *cells, *(f"{100 * before:.0f} → {100 * after:.0f}" for before, after in shares)])
+            pairs = [
+                (was.late_s, will.late_s),
+                *((100 * a, 100 * b) for a, b in zip(was.ratios, will.ratios, strict=True)),
+            ]
+            used = f"{_kwh(one.before_kwh)} → {_kwh(one.before_kwh - one.saved_kwh)}"
+            cells = [used, f"{one.saved_kwh:.1f} ± {one.interval_kwh:.1f}", f"{100 * one.saved_ratio:.1f}"]
+            found.append([name, *cells, *(f"{before:.0f} → {after:.0f}" for before, after in pairs)])
         return found
 
     @property
     def year_rows(self) -> list[list[str]]:
-        """The cells of each step's amounts of a year with their ranges, under `YEAR_HEADS`."""
+        """The cells of each step's amounts of a year, with their ranges if known, under `YEAR_HEADS`."""
         found = []
         for name, one in self.numbered:
-            amounts = ((factor, one.year[unit]) for unit, factor in (("kwh", 1e-3), ("eur", 1e-3), ("co2_t", 1.0)))
-            texts = ([short(factor * each) for each in (x.value, x.low, x.high)] for factor, x in amounts)
-            found.append([name.split()[0], *(f"{value} ({low} to {high})" for value, low, high in texts)])
+            cells = [short(factor * one.year[unit]) for unit, factor in UNITS.items()]
+            if one.ranges:
+                ends = ((short(factor * end) for end in one.ranges[unit]) for unit, factor in UNITS.items())
+                cells = [f"{cell} ({' to '.join(each)})" for cell, each in zip(cells, ends, strict=True)]
+            found.append([name.split()[0], *(cells if one.shows_saving else ["no saving shown", "", ""])])
         return found
+
+    @property
+    def assumed(self) -> str:
+        """The inputs that the amounts of a year are proportional to."""
+        values = ((self.worth.inputs[name].value, known) for name, known in INPUTS.items() if not known.driven)
+        return "; ".join(f"{known.title} {value:g} {known.unit}".rstrip() for value, known in values)
 
     def as_dict(self) -> dict[str, Any]:
         """The findings for programs."""
@@ -113,6 +129,7 @@ def findings(worth: WorthDesign, folder: Path) -> WorthFindings:
 def print_findings(found: WorthFindings) -> None:
     """Print the five steps, their meanings, the amounts of a year, and the inputs on which the result depends."""
     tell(f"{found.worth.title}: scenario {found.worth.scenario.text}, {found.worth.drivers} drivers")
+    paragraph(f"Inputs of {found.worth.source.name}: {found.assumed}.")
     for heads, rows in ((HEADS, found.rows), (YEAR_HEADS, found.year_rows)):
         table = new_table("", (), heads[1:], whole=heads[:1])
         for row in rows:
@@ -137,7 +154,7 @@ def write_findings(found: WorthFindings, folder: Path) -> list[Path]:
 
 def tornado(found: WorthFindings) -> Any:
     """The figure of the money saved a year at equal arrival, from end to end of each input's range."""
-    bars, value = found.bars, found.steps[SHOWN].year["eur"].value
+    bars, value = found.bars, found.steps[SHOWN].year[EUR]
     figure, (axis,) = light_figure((ROW_IN * len(bars) + 0.4,))
     for row, (words, low, high) in enumerate(bars):
         axis.barh(row, high - low, left=low, height=0.6, color=SEVERAL[3 if words.startswith(DRAWN) else 0])
@@ -149,6 +166,7 @@ def tornado(found: WorthFindings) -> Any:
     axis.set_yticks(range(len(bars)), [words for words, _, _ in bars])
     axis.invert_yaxis()
     axis.margins(x=0.12)
+    axis.xaxis.set_major_formatter(lambda value, _: short(value))
     title = f"{found.worth.title}\nStep 4, equal arrival: {short(value)} EUR a year"
     axis.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS + 2)
     named(axis, x="saved, EUR a year, with one input at a time at the ends of its range")
@@ -158,7 +176,7 @@ def tornado(found: WorthFindings) -> Any:
 def _page(found: WorthFindings) -> Iterator[str]:
     """The lines of the page (Markdown)."""
     worth = found.worth
-    yield f"# {worth.title}\n\nScenario `{worth.scenario.text}`, {worth.drivers} drivers. {ASSUMED}\n"
+    yield f"# {worth.title}\n\nScenario `{worth.scenario.text}`, {worth.drivers} drivers; {found.assumed}. {ASSUMED}\n"
     yield from _table(HEADS, found.rows)
     yield f"\n{'; '.join(f'{name}: {words}' for name, words in LEGEND.items())}.\n"
     yield from (f"- **{name}**: {step.words}." for name, step in found.numbered)

@@ -1,13 +1,14 @@
 """The five steps from the technical optimum to the saving of a fleet, computed from a study's table of trials.
 
 A step is a difference between two cases, paired by driver and run: its mean with a 95 % interval (Student's t), the
-punctuality of both sides, and the amounts of a year. Energies are in kWh a train, times in s.
+punctuality of both sides, and the amounts of a year. Energies are in kWh a train, times in s. People as they drive
+today were also driven at the ends of the inputs' ranges; these steps have a range of the amounts of a year.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -18,19 +19,22 @@ from das.domain.errors import DasError
 from sim.experiment.analysis.comparing import RunStudy
 from sim.experiment.one_line import LEAST_VALUES, mean_interval
 from sim.experiment.worth import study as cases
-from sim.experiment.worth.inputs import CO2, DAYS, FOLLOWERS, PRICE, TRAINS, WorthDesign
+from sim.experiment.worth.inputs import CO2, DAYS, FOLLOWERS, PRICE, TRAINS, Input, WorthDesign
 from sim.experiment.worth.study import ENERGY, EQUAL, GUIDED, IN_TIME, TODAY
 
 Floats = NDArray[np.float64]
+Pair = tuple[float, float]
+"""Amounts at a low and a high end."""
 SOLVED: Final = "solved"
 """Name in place of a case for the least-energy runs at the timetable's times."""
 SHOWN: Final = 3
-"""Index of the step at equal arrival, for which the ends of the driven inputs were driven too."""
+"""Index of the step at equal arrival, whose dependence on the inputs is drawn."""
 MINUTE_S, TOLERANCE_S = 60.0, 0.5
 """A minute, and the largest mean delay of the all-out driver with which a timetable counts as kept (s)."""
 DRAWN: Final = "drivers"
 """Name among the inputs for the 95 % interval of the drawn drivers."""
-UNITS: Final[Mapping[str, Mapping[str, float]]] = {"kwh": {}, "eur": {PRICE: 1.0}, "co2_t": {CO2: 1e-6}}
+EUR: Final = "eur"
+UNITS: Final[Mapping[str, Mapping[str, float]]] = {"kwh": {}, EUR: {PRICE: 1.0}, "co2_t": {CO2: 1e-6}}
 """The units of a year's amounts, each with the input that converts kWh, and a factor."""
 
 
@@ -46,27 +50,18 @@ class Claim(NamedTuple):
 
 
 CLAIMS: Final = (
-    Claim("technical optimum", "least energy at the timetable's times, against a driver who goes all-out within the "
+    Claim("optimum", "least energy at the timetable's times, against a driver who goes all-out within the "
           "limits and waits at stops; no driver reaches it", cases.ALL_OUT, SOLVED),
-    Claim("obedient driver", "a driver who follows the guide exactly, against the all-out driver",
+    Claim("obedient", "a driver who follows the guide exactly, against the all-out driver",
           cases.ALL_OUT, cases.OBEDIENT),
     Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
           "as they drive today; trains whose driver does not follow save nothing", TODAY, TODAY + GUIDED, shared=True),
-    Claim("equal arrival", "the same trains, without the energy saved only by arriving later (or lost by arriving "
-          "earlier)", TODAY, TODAY + GUIDED, EQUAL, shared=True),
-    Claim("equal brakes, in time", "the same comparison if people already use all of the timetable's time and brake "
-          "with the motors first: what only advice can save", IN_TIME, IN_TIME + GUIDED, EQUAL, shared=True),
+    Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", TODAY,
+          TODAY + GUIDED, EQUAL, shared=True),
+    Claim("equal brakes", "the same, if people without the guide already used all of the timetable's time and braked "
+          "with the motors first: what advice alone saves", IN_TIME, IN_TIME + GUIDED, EQUAL, shared=True),
 )  # fmt: skip
 """The claims of the five steps, in their order."""
-
-
-@dataclass(frozen=True)
-class Range:
-    """An amount with its range."""
-
-    value: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -77,6 +72,11 @@ class Punctuality:
     on_time_ratio: float
     within_minute_ratio: float
 
+    @property
+    def ratios(self) -> Pair:
+        """Both shares."""
+        return self.on_time_ratio, self.within_minute_ratio
+
     @classmethod
     def of(cls, before_s: Floats, after_s: Floats, share: float) -> Punctuality:
         """The punctuality if this share of the trains has the delays `after_s` and the others `before_s`, both (n,)."""
@@ -86,22 +86,28 @@ class Punctuality:
 
 @dataclass(frozen=True, kw_only=True)
 class WorthStep:
-    """A step: energy saved a train (kWh; `saved_ratio`: of the optimum) ± `interval_kwh`, half the 95 % interval.
+    """A step: energy of a train before (kWh), and the energy saved ± `interval_kwh`, half the 95 % interval.
 
-    `year` has the amounts of a year by unit, and `effects` those at the low and high end of each input's range. The
-    ranges of `year` are combined from the effects: root of the sum of squares of the changes, for each side.
+    `year` has the amounts of a year by unit, `ranges` their ranges, and `effects` the money of a year (EUR) at the low
+    and high end of each input alone; both are empty for steps that were not driven at these ends.
     """
 
     name: str
     words: str
     pairs: int
+    before_kwh: float
     saved_kwh: float
     interval_kwh: float
-    saved_ratio: float
     before: Punctuality
     after: Punctuality
-    year: Mapping[str, Range]
-    effects: Mapping[str, Mapping[str, tuple[float, float]]]
+    year: Mapping[str, float]
+    ranges: Mapping[str, Pair]
+    effects: Mapping[str, Pair]
+
+    @property
+    def saved_ratio(self) -> float:
+        """The share of the energy before that is saved."""
+        return self.saved_kwh / self.before_kwh
 
     @property
     def shows_saving(self) -> bool:
@@ -141,17 +147,11 @@ def _optimum(measures: Mapping[str, Floats]) -> Floats:
 
 def steps_of(worth: WorthDesign, study: RunStudy) -> list[WorthStep]:
     """The five steps; raises DasError if fewer than three drivers finished the trials of one."""
-    measured, ends = by_case(study), {}
-    for name, some in cases.ends_of(worth).items():
-        pairs = (
-            (at, saved_kwh(CLAIMS[SHOWN]._replace(before=one, after=one + GUIDED), measured))
-            for one, at in some.items()
-        )
-        ends[name] = {at: float(np.nanmean(saved)) for at, saved in pairs if np.isfinite(saved).any()}
-    return [_step(claim, worth, measured, ends if number == SHOWN else {}) for number, claim in enumerate(CLAIMS)]
+    measured = by_case(study)
+    return [_step(claim, worth, measured) for claim in CLAIMS]
 
 
-def _step(claim: Claim, worth: WorthDesign, measured: Cases, ends: Mapping[str, Mapping[float, float]]) -> WorthStep:
+def _step(claim: Claim, worth: WorthDesign, measured: Cases) -> WorthStep:
     saved, before = saved_kwh(claim, measured), measured[claim.before]
     known = np.isfinite(saved)
     if known.sum() < LEAST_VALUES:
@@ -160,50 +160,70 @@ def _step(claim: Claim, worth: WorthDesign, measured: Cases, ends: Mapping[str, 
     share = worth.values[FOLLOWERS] if claim.shared else 1.0
     late_s, mean, half = before[cases.LATE][known], float(saved[known].mean()), mean_interval(saved[known])
     after_s = np.zeros(1) if claim.after == SOLVED else measured[claim.after][cases.LATE][known]
-    effects = {unit: _effects(unit, claim, worth, (mean, half), ends) for unit in UNITS}
+    scaled = {unit: Scaled.of(worth, claim.shared, unit) for unit in UNITS}
+    # The energy that each follower saves, at the ends of all that was drawn or driven.
+    driven = {DRAWN: (mean - half, mean + half), **_ends(claim, worth, measured, mean)} if claim.before == TODAY else {}
     return WorthStep(
         name=claim.name,
         words=claim.words,
         pairs=int(known.sum()),
+        before_kwh=float(before[claim.measure][known].mean()),
         saved_kwh=share * mean,
         interval_kwh=share * half,
-        saved_ratio=share * mean / float(np.nanmean(_optimum(before))),
         before=Punctuality.of(late_s, late_s, share),
         after=Punctuality.of(late_s, after_s, share),
-        year={unit: _combined(_amount(mean, unit, claim, worth.values), effects[unit]) for unit in UNITS},
-        effects=effects,
+        year={unit: mean * one.factor for unit, one in scaled.items()},
+        ranges={unit: one.range(mean, driven.values()) for unit, one in scaled.items() if driven},
+        effects=scaled[EUR].effects(mean, driven) if driven else {},
     )
 
 
-def _amount(kwh: float, unit: str, claim: Claim, values: Mapping[str, float]) -> float:
-    """The amount of a year in a unit, if each train (of a shared claim: each follower) saves these kWh."""
-    factors = [values[name] * factor for name, factor in UNITS[unit].items()]
-    return kwh * math.prod([values[TRAINS], values[DAYS], values[FOLLOWERS] if claim.shared else 1.0, *factors])
-
-
-def _effects(
-    unit: str, claim: Claim, worth: WorthDesign, drawn: tuple[float, float], ends: Mapping[str, Mapping[float, float]]
-) -> dict[str, tuple[float, float]]:
-    """The amounts of a year at the low and high end of each input, and of the interval of the drawn drivers."""
-    (mean, half), values = drawn, worth.values
-
-    def at(kwh: float, **changed: float) -> float:
-        return _amount(kwh, unit, claim, values | changed)
-
-    found = {DRAWN: (at(mean - half), at(mean + half))}
-    for name in (TRAINS, DAYS, *UNITS[unit], *([FOLLOWERS] if claim.shared else [])):
-        one = worth.inputs[name]
-        found[name] = (at(mean, **{name: one.low}), at(mean, **{name: one.high}))
-    for name, kwh in ends.items():
-        one = worth.inputs[name]
-        found[name] = (at(kwh.get(one.low, mean)), at(kwh.get(one.high, mean)))
+def _ends(claim: Claim, worth: WorthDesign, measured: Cases, mean: float) -> dict[str, Pair]:
+    """The mean energy saved with each driven input at the low and the high end of its range."""
+    found = {}
+    for name, driven in cases.ends_of(worth).items():
+        at = dict.fromkeys((worth.inputs[name].low, worth.inputs[name].high), mean)
+        for case, value in driven.items():
+            saved = saved_kwh(claim._replace(before=case, after=case + GUIDED), measured)
+            at[value] = float(np.nanmean(saved)) if np.isfinite(saved).any() else mean
+        found[name] = min(at.items())[1], max(at.items())[1]
     return found
 
 
-def _combined(value: float, effects: Mapping[str, tuple[float, float]]) -> Range:
-    down = math.hypot(*(min(0.0, low - value, high - value) for low, high in effects.values()))
-    up = math.hypot(*(max(0.0, low - value, high - value) for low, high in effects.values()))
-    return Range(value, value - down, value + up)
+@dataclass(frozen=True)
+class Scaled:
+    """The inputs that an amount of a year is proportional to, with their values times one constant: `factor`."""
+
+    factor: float
+    inputs: Mapping[str, Input]
+
+    @classmethod
+    def of(cls, worth: WorthDesign, shared: bool, unit: str) -> Scaled:
+        """The scaling of a unit; `shared`: only followers save."""
+        names = (TRAINS, DAYS, *((FOLLOWERS,) if shared else ()), *UNITS[unit])
+        inputs = {name: worth.inputs[name] for name in names}
+        return cls(math.prod(one.value for one in inputs.values()) * math.prod(UNITS[unit].values()), inputs)
+
+    def range(self, kwh: float, driven: Iterable[Pair]) -> Pair:
+        """The range of the amount that belongs to `kwh`.
+
+        Energies at both ends of the driven inputs are combined as the root of the sum of squares of the changes, and
+        factors as that of their logarithms, so that no factor becomes negative.
+        """
+        pairs = list(driven)
+        low = kwh - math.hypot(*(min(0.0, a - kwh, b - kwh) for a, b in pairs))
+        high = kwh + math.hypot(*(max(0.0, a - kwh, b - kwh) for a, b in pairs))
+        less = math.exp(-math.hypot(*(math.log(one.low / one.value) for one in self.inputs.values())))
+        more = math.exp(math.hypot(*(math.log(one.high / one.value) for one in self.inputs.values())))
+        return self.factor * low * (less if low > 0 else more), self.factor * high * (more if high > 0 else less)
+
+    def effects(self, kwh: float, driven: Mapping[str, Pair]) -> dict[str, Pair]:
+        """The amount at the low and the high end of each input alone."""
+        found = {name: (self.factor * low, self.factor * high) for name, (low, high) in driven.items()}
+        amount = self.factor * kwh
+        return found | {
+            n: (amount * one.low / one.value, amount * one.high / one.value) for n, one in self.inputs.items()
+        }
 
 
 def remarks(steps: list[WorthStep], drivers: int) -> Iterator[str]:
@@ -216,5 +236,5 @@ def remarks(steps: list[WorthStep], drivers: int) -> Iterator[str]:
     for number, step in enumerate(steps, start=1):
         if not step.shows_saving:
             yield f"Step {number} ({step.name}): no saving shown, because the 95 % interval reaches 0 or less."
-        if step.pairs < drivers:
-            yield f"Step {number}: {drivers - step.pairs} drivers left out, whose trials failed or cannot be compared."
+        if (lost := drivers - step.pairs) > 0:
+            yield f"Step {number}: {lost} of {drivers} drivers left out: trials failed or cannot be compared."

@@ -58,7 +58,7 @@ def study_of(worth: WorthDesign) -> Design:
     factor = Factor(name=CASE, levels=tuple(_cases(worth)), within=True)
     return Design(
         name=worth.name,
-        title=worth.title,
+        title=worth.name,  # not worth.title: another title is not another study
         description="",
         source=worth.source,
         seed=worth.seed,

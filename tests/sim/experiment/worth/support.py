@@ -28,13 +28,13 @@ scenario = "flat-6km"
 drivers = 4
 [inputs]
 price_eur_per_kwh = {value = 0.2, low = 0.1, high = 0.3, source = "made up"}
-co2_g_per_kwh = {value = 100}
-trains_per_day = {value = 10, high = 12}
-days_per_year = {value = 300}
-followers_ratio = {value = 0.8, low = 0.5, high = 1.0}
-receptivity_ratio = {value = 1.0}
-haste_ratio = {value = 0.5}
-electric_brake_ratio = {value = 0.6, high = 1.0}
+co2_g_per_kwh = {value = 100, low = 100, high = 100, source = "made up"}
+trains_per_day = {value = 10, low = 10, high = 12, source = "made up"}
+days_per_year = {value = 300, low = 300, high = 300, source = "made up"}
+followers_ratio = {value = 0.8, low = 0.5, high = 1.0, source = "made up"}
+receptivity_ratio = {value = 1.0, low = 1.0, high = 1.0, source = "made up"}
+haste_ratio = {value = 0.5, low = 0.5, high = 0.5, source = "made up"}
+electric_brake_ratio = {value = 0.6, low = 0.6, high = 1.0, source = "made up"}
 """
 
 
@@ -80,14 +80,15 @@ def own_steps(folder: Path, value: Mapping[str, float]) -> list[dict[str, Any]]:
     share = value["followers_ratio"]
     energy = "energy_kwh"
     plan = [
-        (column("all-out", energy) - optimum("all-out"), "all-out", None, 1.0),
-        (column("all-out", energy) - column("obedient", energy), "all-out", "obedient", 1.0),
-        (column("today", energy) - column("today-guided", energy), "today", "today-guided", share),
-        (equal("today") - equal("today-guided"), "today", "today-guided", share),
-        (equal("in-time") - equal("in-time-guided"), "in-time", "in-time-guided", share),
+        (column("all-out", energy), optimum("all-out"), "all-out", None, 1.0),
+        (column("all-out", energy), column("obedient", energy), "all-out", "obedient", 1.0),
+        (column("today", energy), column("today-guided", energy), "today", "today-guided", share),
+        (equal("today"), equal("today-guided"), "today", "today-guided", share),
+        (equal("in-time"), equal("in-time-guided"), "in-time", "in-time-guided", share),
     ]
     found = []
-    for saved, before, after, part in plan:
+    for used, advised, before, after, part in plan:
+        saved = used - advised
         known = np.isfinite(saved)
         n = int(known.sum())
         late = [column(before, "late_s")[known], np.zeros(n) if after is None else column(after, "late_s")[known]]
@@ -98,7 +99,7 @@ def own_steps(folder: Path, value: Mapping[str, float]) -> list[dict[str, Any]]:
             {
                 "saved_kwh": part * saved[known].mean(),
                 "interval_kwh": part * half,
-                "saved_ratio": part * saved[known].mean() / np.nanmean(optimum(before)),
+                "saved_ratio": part * saved[known].mean() / used[known].mean(),
                 "before": times[0],
                 "after": [(1 - part) * a + part * b for a, b in zip(*times, strict=True)],
                 "eur": part * saved[known].mean() * trains * value["price_eur_per_kwh"],

@@ -9,19 +9,10 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.design import Design
 from sim.experiment.trials import trials_of
-from sim.experiment.worth.inputs import BUFFER, INPUTS, Input, bundled_designs, load_worth
+from sim.experiment.worth.inputs import BUFFER, INPUTS, bundled_designs, load_worth
 from sim.experiment.worth.study import ends_of, study_of
 from tests.sim.experiment.worth.support import DESIGN
 from tests.support.making import refusal
-
-SCENARIO = """
-schema_version = 1
-[scenario]
-id = "mine"
-title = "Mine"
-route = "flat-6km"
-vehicle = "re460-ic"
-"""
 
 
 def settings(design: Design) -> dict[str, dict[str, str]]:
@@ -76,29 +67,15 @@ def test_all_cases_of_a_driver_have_one_run_and_one_stream_of_chances(tmp_path: 
     assert len({(one.person, one.seed, one.stream) for one in trials}) == len({one.person for one in trials}) == 4
 
 
-def test_the_scenarios_buffer_and_receptivity_are_the_defaults(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(
-        SCENARIO + "[timetable]\nbuffer_percent = 15\n[truth]\nreceptivity_ratio = 0.7\n"
-    )
-    inputs = load_worth("suburban", str(tmp_path / "mine.toml")).inputs
-    assert (inputs["buffer_percent"].value, inputs["buffer_percent"].low, inputs["buffer_percent"].high) == (15, 5, 15)
-    assert inputs["receptivity_ratio"].value == 0.8  # as the design says
-    short = load_worth("intercity", str(tmp_path / "mine.toml"), 5)
-    assert (short.scenario.text, short.drivers) == ("mine", 5)
-    (tmp_path / "plain.toml").write_text(
-        'schema_version = 1\n[worth]\nname = "a"\ntitle = "A"\nscenario = "mine.toml"\n'
-    )
-    assert load_worth(str(tmp_path / "plain.toml")).inputs["receptivity_ratio"].value == 0.7
-
-
-def test_a_buffer_is_driven_from_low_to_high_unless_the_scenario_states_its_times() -> None:
+def test_a_buffer_is_driven_from_low_to_high_unless_the_scenario_states_its_times(tmp_path: Path) -> None:
     found = settings(study_of(load_worth("freight")))
     assert {case: found[case][BUFFER] for case in ("today", "buffer_percent-low", "buffer_percent-high-guided")} == {
         "today": "12",
         "buffer_percent-low": "8",
         "buffer_percent-high-guided": "20",
     }
-    timed = load_worth("intercity", "clear-day")
+    (tmp_path / "short.toml").write_text(DESIGN)
+    timed = load_worth(str(tmp_path / "short.toml"))
     assert BUFFER not in timed.inputs
     assert BUFFER not in settings(study_of(timed))["today"]
 
@@ -106,24 +83,34 @@ def test_a_buffer_is_driven_from_low_to_high_unless_the_scenario_states_its_time
 @pytest.mark.parametrize(
     ("was", "now", "said"),
     [
-        ("value = 10, high = 12", "high = 12", "inputs.trains_per_day.value is missing: expected a number"),
-        ("value = 10,", "value = -1,", "inputs.trains_per_day.value = -1.0: expected a number from 0 to 100000"),
+        (
+            "value = 10, low = 10, high = 12",
+            "low = 10, high = 12",
+            "inputs.trains_per_day.value is missing",
+        ),
+        ("value = 10,", "value = 0,", "inputs.trains_per_day.value = 0.0: expected a number from 0.001 to 100000"),
+        ("low = 10, high", "high", "inputs.trains_per_day.low is missing: expected a number"),
+        ('high = 12, source = "made up"', "high = 12", "inputs.trains_per_day.source is missing"),
         (
             "low = 0.1, high = 0.3",
-            "low = 0.3",
-            "inputs.price_eur_per_kwh.low = 0.3: expected a number from 0 to 0.2 EUR/kWh",
+            "low = 0.3, high = 0.3",
+            "inputs.price_eur_per_kwh.low = 0.3: expected a number from 0.001 to 0.2 EUR/kWh",
         ),
-        ("low = 0.5, high = 1.0", "high = 80", "inputs.followers_ratio.high = 80.0: expected a number from 0.8 to 1"),
-        ("days_per_year", "days_a_year", "inputs.days_a_year = {'value': 300}: expected one of the keys"),
+        (
+            "low = 0.5, high = 1.0",
+            "low = 0.5, high = 80",
+            "followers_ratio.high = 80.0: expected a number from 0.8 to 1",
+        ),
+        ("days_per_year", "days_a_year", "inputs.days_a_year = {'value': 300"),
         ("price_eur_per_kwh", "price_eur_per_mwh", "inputs.price_eur_per_mwh"),
-        ("haste_ratio = {value = 0.5}", "buffer_percent = {value = 7}", "states its times"),
+        ("haste_ratio", "buffer_percent", "states its times"),
         ('name = "short"', 'name = "Our fleet"', "worth.name = 'Our fleet': expected 1 to 64 small letters"),
         ("drivers = 4", "drivers = 2", "worth.drivers = 2: expected a whole number from 3 to 10000"),
         ('scenario = "flat-6km"', "", "worth.scenario is missing"),
         ('scenario = "flat-6km"', 'scenario = "no.toml"', "worth.scenario: "),
         ("drivers = 4", "currency = 'CHF'", "worth.currency = 'CHF': expected one of the keys"),
         ("[inputs]", "[input]", "input = {"),
-        ("value = 100", "value = '100'", "inputs.co2_g_per_kwh.value = '100': expected a number"),
+        ("value = 100,", "value = '100',", "inputs.co2_g_per_kwh.value = '100': expected a number"),
     ],
 )
 def test_what_is_wrong_in_a_design_is_one_line(tmp_path: Path, was: str, now: str, said: str) -> None:
@@ -137,18 +124,10 @@ def test_what_is_wrong_in_a_design_is_one_line(tmp_path: Path, was: str, now: st
     assert "\n" not in str(error.value)
 
 
-def test_a_number_alone_is_an_input_that_is_not_varied(tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text(DESIGN)
-    inputs = load_worth(str(tmp_path / "short.toml")).inputs
-    assert inputs["days_per_year"] == Input(value=300.0, low=300.0, high=300.0, source="short.toml")
-    assert inputs["trains_per_day"] == Input(value=10.0, low=10.0, high=12.0, source="short.toml")
-
-
 @pytest.mark.parametrize(
     ("args", "said"),
     [
         (("intercyti",), "intercyti: not a bundled worth design (freight, intercity, suburban) and not a .toml file"),
-        (("intercity", "--scenario", "clear-dya"), "--scenario: clear-dya: not a bundled scenario"),
         (("intercity", "--workers", "2", "--scheduler", "tcp://a:1"), "give either --workers or --scheduler"),
     ],
 )

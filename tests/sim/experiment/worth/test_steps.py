@@ -42,7 +42,7 @@ def test_the_steps_are_those_of_an_analysis_of_trials_csv_alone(worth: WorthDesi
             assert getattr(step, name) == pytest.approx(own[name], rel=1e-9), (step.name, name)
         for side in ("before", "after"):
             assert list(vars(getattr(step, side)).values()) == pytest.approx(own[side], rel=1e-9)
-        assert step.year["eur"].value == pytest.approx(own["eur"], rel=1e-9)
+        assert step.year["eur"] == pytest.approx(own["eur"], rel=1e-9)
         assert step.shows_saving
 
 
@@ -50,17 +50,17 @@ def test_a_trial_that_cannot_be_compared_is_left_out_and_said(worth: WorthDesign
     folder = write_trials(worth, tmp_path / "study", saving)
     table = folder / TRIALS_TABLE
     head, *rows = table.read_text().splitlines()
-    column = head.split(",").index("above_optimum_kwh")
+    column, case = map(head.split(",").index, ("above_optimum_kwh", "case"))
     cells = [row.split(",") for row in rows]
     for row in cells:
-        if row[1] == "sub-02" and row[5] == "in-time-guided":
+        if row[1] == "sub-02" and row[case] == "in-time-guided":
             row[column] = ""
-    kept = [row for row in cells if (row[1], row[5]) != ("sub-03", "today")]
+    kept = [row for row in cells if (row[1], row[case]) != ("sub-03", "today")]
     table.write_text("\n".join([head, *(",".join(row) for row in kept), ""]))
     found = findings(worth, folder)
     assert [step.pairs for step in found.steps] == [4, 4, 3, 3, 3]
     assert [one for one in found.remarks if "left out" in one] == [
-        f"Step {number}: 1 drivers left out, whose trials failed or cannot be compared." for number in (3, 4, 5)
+        f"Step {number}: 1 of 4 drivers left out: trials failed or cannot be compared." for number in (3, 4, 5)
     ]
     for own, step in zip(own_steps(folder, worth.values), found.steps, strict=True):
         assert (step.saved_kwh, step.interval_kwh) == pytest.approx((own["saved_kwh"], own["interval_kwh"]))
@@ -79,10 +79,13 @@ def test_a_saving_that_is_not_shown_or_negative_is_said_and_not_hidden(
     last = found.steps[-1]
     assert last.saved_kwh + last.interval_kwh < 0
     assert not last.shows_saving
-    assert last.year["eur"].low < last.year["eur"].value < 0
+    assert last.year["eur"] < 0
+    low, high = found.steps[3].ranges["eur"]
+    assert low < found.steps[3].year["eur"] < high
+    assert found.year_rows[-1] == ["5", "no saving shown", "", ""]
     print_findings(found)
     said = " ".join(capsys.readouterr().out.split())
-    assert "Step 5 (equal brakes, in time): no saving shown" in said
+    assert "Step 5 (equal brakes): no saving shown" in said
     assert f"{last.saved_kwh:.1f} ±" in said
 
 
@@ -102,19 +105,29 @@ def test_a_timetable_that_cannot_be_kept_is_named(worth: WorthDesign, tmp_path: 
 def test_the_range_of_a_year_combines_the_drivers_with_each_input(worth: WorthDesign, tmp_path: Path) -> None:
     found = findings(worth, write_trials(worth, tmp_path / "study", saving))
     step = found.steps[3]
-    half = step.interval_kwh * 10 * 300 * 0.2
-    value = step.saved_kwh * 10 * 300 * 0.2
-    brake = step.effects["eur"]["electric_brake_ratio"]
+    factor, value = 10 * 300 * 0.2, step.saved_kwh * 10 * 300 * 0.2
+    brake = step.effects["electric_brake_ratio"]
     assert brake[0] == pytest.approx(value)
-    downs = [half, 0.5 * value, (1 - 0.5 / 0.8) * value, max(0.0, value - brake[1])]
-    ups = [half, 0.5 * value, (1.0 / 0.8 - 1) * value, 0.2 * value, max(0.0, brake[1] - value)]
-    year = step.year["eur"]
-    assert year.value == pytest.approx(value)
-    assert year.low == pytest.approx(value - np.sqrt(np.sum(np.square(downs))))
-    assert year.high == pytest.approx(value + np.sqrt(np.sum(np.square(ups))))
-    assert step.year["co2_t"].value == pytest.approx(step.saved_kwh * 10 * 300 * 100e-6)
+    assert step.effects["trains_per_day"] == pytest.approx((value, 1.2 * value))
+    energies = [step.interval_kwh, abs(brake[1] - value) / factor]
+    downs, ups = (energies, energies[:1]) if brake[1] < value else (energies[:1], energies)
+    low, high = step.saved_kwh - np.hypot.reduce(downs), step.saved_kwh + np.hypot.reduce(ups)
+    less, more = np.hypot(np.log(0.5), np.log(0.5 / 0.8)), np.sqrt(sum(np.log([1.5, 1.0 / 0.8, 1.2]) ** 2))
+    assert low > 0
+    assert step.ranges["eur"] == pytest.approx((factor * low * np.exp(-less), factor * high * np.exp(more)))
+    assert step.year["eur"] == pytest.approx(value)
+    assert step.year["co2_t"] == pytest.approx(step.saved_kwh * 10 * 300 * 100e-6)
+    assert [bool(one.ranges) for one in found.steps] == [False, False, True, True, False]
     assert next(words.partition(",")[0] for words, _, _ in found.bars) == "price of energy"
     assert {words for words, _, _ in found.bars} >= {"drivers drawn (95 % interval)", "trains a day, 10 to 12"}
+
+
+def test_a_range_of_positive_energies_and_factors_is_positive(worth: WorthDesign, tmp_path: Path) -> None:
+    wide = {name: replace(one, low=0.1 * one.value, high=one.high) for name, one in worth.inputs.items()}
+    folder = write_trials(worth, tmp_path / "study", saving)
+    scaled = {name: wide[name] for name in ("price_eur_per_kwh", "co2_g_per_kwh", "trains_per_day", "days_per_year")}
+    for step in findings(replace(worth, inputs={**worth.inputs, **scaled}), folder).steps:
+        assert all(0.0 < low < step.year[unit] for unit, (low, _) in step.ranges.items())
 
 
 def test_inputs_that_scale_change_the_money_and_not_the_energy_a_train(worth: WorthDesign, tmp_path: Path) -> None:
@@ -123,7 +136,7 @@ def test_inputs_that_scale_change_the_money_and_not_the_energy_a_train(worth: Wo
     for one, other in zip(findings(worth, folder).steps, findings(dear, folder).steps, strict=True):
         assert one.saved_kwh == other.saved_kwh
         assert one.year["kwh"] == other.year["kwh"]
-        assert 2.0 * one.year["eur"].value == pytest.approx(other.year["eur"].value)
+        assert 2.0 * one.year["eur"] == pytest.approx(other.year["eur"])
 
 
 def test_the_files_and_the_terminal_say_the_same(

@@ -46,7 +46,7 @@ def test_driven_trials_give_the_steps_of_an_own_analysis(place: Path, driven: Pa
 
 def test_a_second_run_drives_nothing_and_new_prices_are_read(place: Path, driven: Path) -> None:
     before = (driven / "trials.csv").read_bytes()
-    text = (place / "short.toml").read_text().replace("value = 0.2", "value = 0.3")
+    text = (place / "short.toml").read_text().replace("value = 0.2", "value = 0.3").replace("Six flat", "6 flat")
     (place / "dear.toml").write_text(text)
     told = das_sim_json("worth", "dear.toml", "-o", "whole", cwd=place)
     assert told["inputs"]["price_eur_per_kwh"]["value"] == 0.3
@@ -72,23 +72,16 @@ def test_a_folder_is_a_study_that_can_be_analysed(place: Path, driven: Path) -> 
 def test_a_newcomers_own_line_gives_an_answer(tmp_path: Path) -> None:
     """The example files, as the page says: late departures and a restriction are part of the scenario."""
     assert das_sim("example", "my-line", cwd=tmp_path).returncode == 0
-    (tmp_path / "mine.toml").write_text(
-        'schema_version = 1\n[worth]\nname = "mine"\ntitle = "Mine"\nscenario = "my-line/scenario.toml"\n'
-        + "[inputs]\n"
-        + "".join(
-            f"{name} = {{value = 0.5}}\n" for name in ("haste_ratio", "electric_brake_ratio", "receptivity_ratio")
-        )
-    )
-    done = das_sim("worth", "mine.toml", "--seeds", "3", cwd=tmp_path)
+    done = das_sim("worth", "my-line/fleet.toml", "--seeds", "3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "worth-mine" / "worth.md").is_file()
-    assert "technical optimum" in done.stdout
+    assert (tmp_path / "worth-my-fleet" / "worth.md").is_file()
+    assert "1 optimum" in done.stdout
 
 
 @pytest.mark.nightly
 def test_fronts_kept_from_trial_to_trial_change_no_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Trials of one process, against trials for each of which the line is solved again; to the last digit."""
-    text = DESIGN.replace("receptivity_ratio = {value = 1.0}", "receptivity_ratio = {value = 0.8, high = 1.0}")
+    text = DESIGN.replace("receptivity_ratio = {value = 1.0, low = 1.0", "receptivity_ratio = {value = 0.8, low = 0.8")
     (tmp_path / "short.toml").write_text(text)
     jobs = jobs_of(study_of(load_worth(str(tmp_path / "short.toml"))), tmp_path)
     some = [job for job in jobs if job.trial.levels[0] in ("today-guided", "receptivity_ratio-high", "all-out")][:5]
