@@ -40,12 +40,11 @@ def worth(
     hands = Workers.asked(workers, scheduler)
     with loading_solver():
         from sim.experiment.study_files import FAILED_TABLE
-        from sim.experiment.worth.inputs import load_worth
         from sim.experiment.worth.page import findings, print_findings, write_findings
-        from sim.experiment.worth.study import run_worth
+        from sim.experiment.worth.study import load_worth, run_worth
     with busy("reading the design …"):
         asked = load_worth(design, seeds)
-    folder = Path(f"worth-{asked.name}") if out is None else out
+    folder = Path(f"worth-{asked.study.name}") if out is None else out
     failed = run_worth(asked, folder, hands, record=recordings).failed
     found = findings(asked, folder)
     written = write_findings(found, folder)

@@ -163,17 +163,22 @@ def _number(
     return KnownFactor(name=name, title=title, meaning=meaning, unit=unit, expected=expected, read=read)
 
 
+def _shown(name: str, title: str, meaning: str) -> KnownFactor:
+    """A factor whose levels are "shown" and "hidden"."""
+
+    def read(table: Fields, key: str, value: Any) -> FactorLevel:
+        if not isinstance(value, bool):
+            raise table.error(key, value, "true or false")
+        return FactorLevel(text="shown" if value else "hidden", value=value)
+
+    return KnownFactor(name=name, title=title, meaning=meaning, unit="", expected="true, false", read=read)
+
+
 def _parameter(name: str) -> KnownFactor:
     """The factor of a parameter of human drivers."""
     about = HumanParameters.__dataclass_fields__[name].metadata
     meaning, ends = f"of human drivers: {about['meaning']}", (about["low"], about["high"])
     return _number(f"{OF_HUMAN}{name}", name, meaning, ends, about["unit"].replace("–", ""))
-
-
-def _shown(table: Fields, key: str, value: Any) -> FactorLevel:
-    if not isinstance(value, bool):
-        raise table.error(key, value, "true or false")
-    return FactorLevel(text="shown" if value else "hidden", value=value)
 
 
 def _scenario(table: Fields, key: str, value: Any) -> FactorLevel:
@@ -217,14 +222,8 @@ FACTORS: Final = {
         _number("update_interval_s", "Update interval", "update interval of the display", (0.0, LONGEST_S), "s"),
         _number("hold_s", "Hold time", "minimum display time, except for advice to brake", (0.0, LONGEST_S), "s"),
         _number("preview_s", "Preview", "length of the display's preview", (0.0, LONGEST_PREVIEW_S), "s", or_all=True),
-        KnownFactor(
-            name="reason", title="Reason shown", unit="", read=_shown,
-            meaning="whether the display shows the reason for the advice", expected="true, false",
-        ),
-        KnownFactor(
-            name="punctuality", title="Punctuality shown", unit="", read=_shown,
-            meaning="whether the page of a person at the desk shows the delay", expected="true, false",
-        ),
+        _shown("reason", "Reason shown", "whether the display shows the reason for the advice"),
+        _shown("punctuality", "Punctuality shown", "whether the page of a person at the desk shows the delay"),
         _choice("friction", "Friction policy", "brake that a human driver uses if the motors could brake",
                 FrictionPolicy),
         _number("buffer_percent", "Buffer", "buffer of a timetable without a journey, above the least time with "

@@ -13,8 +13,8 @@ from das.command_line.printing import new_table, paragraph, print_table, tell
 from das.domain.files.writing import write_whole
 from das.drawing.colors import SEVERAL
 from sim.experiment.analysis.comparing import read_study
-from sim.experiment.worth.inputs import INPUTS, WorthDesign
-from sim.experiment.worth.steps import DRAWN, EUR, SHOWN, WorthStep, remarks, steps_of
+from sim.experiment.worth.steps import DRAWN, EUR, SHOWN, TOLERANCE_S, WorthStep, steps_of
+from sim.experiment.worth.study import INPUTS, WorthDesign
 from sim.review.pictures import INK, TEXT_POINTS, light_figure, named
 
 PAGE, FIGURES, TORNADO = "worth.md", "worth.json", "tornado.svg"
@@ -23,11 +23,11 @@ HEADS: Final = ("step", "kWh", "saved, kWh", "%", "late, s", "≤ 0 s, %", "≤ 
 YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
 UNITS: Final = {"kwh": 1e-3, EUR: 1e-3, "co2_t": 1.0}
 """Factors from the amounts of a year to the units of `YEAR_HEADS`."""
-LEGEND: Final = {
-    "kWh": "of a train, before → with advice; trains whose driver does not follow are included from step 3 on",
-    "saved": "with the 95 % interval from the drawn drivers; % of the energy before",
-    "late": "mean delay at the last stop; ≤ 0 s, ≤ 60 s: share of trains at most so late",
-}
+LEGEND: Final = (
+    "kWh: of a train, before → with advice; trains whose driver does not follow are included from step 3 on; saved: "
+    "with the 95 % interval from the drawn drivers; % of the energy before; late: mean delay at the last stop; ≤ 0 s, "
+    "≤ 60 s: share of trains at most so late."
+)
 YEAR_WORDS: Final = (
     "Ranges combine the interval of the drivers with the ranges of all inputs; only steps 3 and 4 were driven at their "
     "ends."
@@ -36,7 +36,6 @@ ASSUMED: Final = (
     "No person drove: how the simulated drivers react, follow and err is assumed (docs/reference/drivers.md). Energy "
     "is counted at the current collector, from departure to arrival."
 )
-ROW_IN: Final = 0.4
 
 
 def _kwh(value: float) -> str:
@@ -50,11 +49,27 @@ def short(value: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class WorthFindings:
-    """The five steps of a worth study, and remarks that qualify them."""
+    """The five steps of a worth study."""
 
     worth: WorthDesign
     steps: Sequence[WorthStep]
-    remarks: Sequence[str]
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences that qualify the steps: a timetable that cannot be kept, no saving shown, drivers left out."""
+        found, drivers = [], self.worth.study.people.count
+        if (late_s := self.steps[0].before["late_s"]) > TOLERANCE_S:
+            found.append(
+                f"The timetable cannot be kept: even the all-out driver arrives {late_s:.0f} s late on average, so "
+                "that energy can be saved only by arriving still later."
+            )
+        for number, step in enumerate(self.steps, start=1):
+            if not step.shows_saving:
+                found.append(f"Step {number} ({step.name}): no saving shown, because the interval reaches 0.")
+            if lost := drivers - step.pairs:
+                reason = "trials failed or cannot be compared."
+                found.append(f"Step {number}: {lost} of {drivers} drivers left out: {reason}")
+        return found
 
     @property
     def bars(self) -> list[tuple[str, float, float]]:
@@ -80,11 +95,8 @@ class WorthFindings:
         """The cells of each step, under `HEADS`."""
         found = []
         for name, one in self.numbered:
-            was, will = one.before, one.after
-            pairs = [
-                (was.late_s, will.late_s),
-                *((100 * a, 100 * b) for a, b in zip(was.ratios, will.ratios, strict=True)),
-            ]
+            factors = {"late_s": 1, "on_time_ratio": 100, "within_minute_ratio": 100}
+            pairs = ((factor * one.before[key], factor * one.after[key]) for key, factor in factors.items())
             used = f"{_kwh(one.before_kwh)} → {_kwh(one.before_kwh - one.saved_kwh)}"
             cells = [used, f"{one.saved_kwh:.1f} ± {one.interval_kwh:.1f}", f"{100 * one.saved_ratio:.1f}"]
             found.append([name, *cells, *(f"{before:.0f} → {after:.0f}" for before, after in pairs)])
@@ -108,40 +120,52 @@ class WorthFindings:
         values = ((self.worth.inputs[name].value, known) for name, known in INPUTS.items() if not known.driven)
         return "; ".join(f"{known.title} {value:g} {known.unit}".rstrip() for value, known in values)
 
+    @property
+    def parts(self) -> Iterator[str | tuple[Sequence[str], list[list[str]]]]:
+        """The paragraphs and tables (heads and rows) that the terminal and the page have in common."""
+        study = self.worth.study
+        yield f"Scenario {study.fixed['scenario'].text}, {study.people.count} drivers; {self.assumed}. {ASSUMED}"
+        yield HEADS, self.rows
+        yield LEGEND
+        yield from (f"{name}: {step.words}." for name, step in self.numbered)
+        yield YEAR_HEADS, self.year_rows
+        yield YEAR_WORDS
+        most = (f"{words}: {short(low)} to {short(high)} EUR" for words, low, high in self.bars[:3])
+        yield f"Step 4 depends most on {'; '.join(most)}."
+        yield from (f"Note: {remark}" for remark in self.remarks)
+
     def as_dict(self) -> dict[str, Any]:
         """The findings for programs."""
-        worth = self.worth
+        study = self.worth.study
         return {
-            **{name: getattr(worth, name) for name in ("name", "title", "drivers", "seed")},
-            "scenario": worth.scenario.text,
-            "inputs": {name: asdict(one) for name, one in worth.inputs.items()},
+            "name": study.name,
+            "title": study.title,
+            "drivers": study.people.count,
+            "seed": study.seed,
+            "scenario": study.fixed["scenario"].text,
+            "inputs": {name: asdict(one) for name, one in self.worth.inputs.items()},
             "steps": [asdict(step) | {"shows_saving": step.shows_saving} for step in self.steps],
-            "remarks": list(self.remarks),
+            "remarks": self.remarks,
         }
 
 
 def findings(worth: WorthDesign, folder: Path) -> WorthFindings:
     """The findings of a worth study from its table of trials; DasError for a table that cannot be used."""
-    steps = steps_of(worth, read_study(folder))
-    return WorthFindings(worth=worth, steps=steps, remarks=list(remarks(steps, worth.drivers)))
+    return WorthFindings(worth=worth, steps=steps_of(worth, read_study(folder)))
 
 
 def print_findings(found: WorthFindings) -> None:
     """Print the five steps, their meanings, the amounts of a year, and the inputs on which the result depends."""
-    tell(f"{found.worth.title}: scenario {found.worth.scenario.text}, {found.worth.drivers} drivers")
-    paragraph(f"Inputs of {found.worth.source.name}: {found.assumed}.")
-    for heads, rows in ((HEADS, found.rows), (YEAR_HEADS, found.year_rows)):
-        table = new_table("", (), heads[1:], whole=heads[:1])
+    tell(found.worth.study.title)
+    for part in found.parts:
+        if isinstance(part, str):
+            paragraph(part)
+            continue
+        (first, *heads), rows = part
+        table = new_table("", (), heads, whole=[first])
         for row in rows:
             table.add_row(*row)
-        print_table(table, LEGEND if heads is HEADS else None)
-        for name, step in found.numbered if heads is HEADS else []:
-            paragraph(f"{name}: {step.words}.", hanging="  ")
-    paragraph(YEAR_WORDS)
-    most = (f"{words}: {short(low)} to {short(high)} EUR" for words, low, high in found.bars[:3])
-    paragraph(f"Step 4 depends most on {'; '.join(most)}.")
-    for remark in found.remarks:
-        paragraph(f"note: {remark}", hanging="  ")
+        print_table(table)
 
 
 def write_findings(found: WorthFindings, folder: Path) -> list[Path]:
@@ -155,7 +179,7 @@ def write_findings(found: WorthFindings, folder: Path) -> list[Path]:
 def tornado(found: WorthFindings) -> Any:
     """The figure of the money saved a year at equal arrival, from end to end of each input's range."""
     bars, value = found.bars, found.steps[SHOWN].year[EUR]
-    figure, (axis,) = light_figure((ROW_IN * len(bars) + 0.4,))
+    figure, (axis,) = light_figure((0.4 * len(bars) + 0.4,))
     for row, (words, low, high) in enumerate(bars):
         axis.barh(row, high - low, left=low, height=0.6, color=SEVERAL[3 if words.startswith(DRAWN) else 0])
         for at, gap, side in ((low, -4, "right"), (high, 4, "left")):
@@ -167,7 +191,7 @@ def tornado(found: WorthFindings) -> Any:
     axis.invert_yaxis()
     axis.margins(x=0.12)
     axis.xaxis.set_major_formatter(lambda value, _: short(value))
-    title = f"{found.worth.title}\nStep 4, equal arrival: {short(value)} EUR a year"
+    title = f"{found.worth.study.title}\nStep 4, equal arrival: {short(value)} EUR a year"
     axis.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS + 2)
     named(axis, x="saved, EUR a year, with one input at a time at the ends of its range")
     return figure
@@ -175,18 +199,14 @@ def tornado(found: WorthFindings) -> Any:
 
 def _page(found: WorthFindings) -> Iterator[str]:
     """The lines of the page (Markdown)."""
-    worth = found.worth
-    yield f"# {worth.title}\n\nScenario `{worth.scenario.text}`, {worth.drivers} drivers; {found.assumed}. {ASSUMED}\n"
-    yield from _table(HEADS, found.rows)
-    yield f"\n{'; '.join(f'{name}: {words}' for name, words in LEGEND.items())}.\n"
-    yield from (f"- **{name}**: {step.words}." for name, step in found.numbered)
-    yield ""
-    yield from _table(YEAR_HEADS, found.year_rows)
-    yield f"\n{YEAR_WORDS}\n"
-    yield from (f"- {remark}" for remark in found.remarks)
-    yield f"\n![Money saved a year, by input]({TORNADO})\n"
-    inputs = ((f"{INPUTS[name].title} (`{name}`)", *map(str, vars(one).values())) for name, one in worth.inputs.items())
-    yield from _table(("input", "value", "low", "high", "source"), inputs)
+    yield f"# {found.worth.study.title}\n"
+    for part in found.parts:
+        yield from [part] if isinstance(part, str) else _table(*part)
+        yield ""
+    yield f"![Money saved a year, by input]({TORNADO})\n"
+    inputs = found.worth.inputs.items()
+    rows = ((f"{INPUTS[name].title} (`{name}`)", *map(str, vars(one).values())) for name, one in inputs)
+    yield from _table(("input", "value", "low", "high", "source"), rows)
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:

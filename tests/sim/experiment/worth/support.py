@@ -15,8 +15,7 @@ from scipy import stats
 from sim.experiment.design import freeze
 from sim.experiment.study_files import TRIALS_TABLE, trials_table
 from sim.experiment.trials import trials_of
-from sim.experiment.worth.inputs import WorthDesign
-from sim.experiment.worth.study import study_of
+from sim.experiment.worth.study import WorthDesign
 
 Floats = NDArray[np.float64]
 DESIGN = """
@@ -40,7 +39,7 @@ electric_brake_ratio = {value = 0.6, low = 0.6, high = 1.0, source = "made up"}
 
 def write_trials(worth: WorthDesign, folder: Path, energy: Callable[[str, np.random.Generator], float]) -> Path:
     """Write the study of a worth design as if its trials had been driven; `energy` invents the energy of a case."""
-    design, random = study_of(worth), np.random.default_rng(5)
+    design, random = worth.study, np.random.default_rng(5)
     trials = trials_of(design)
     invented = {}
     for trial in trials:

@@ -9,8 +9,7 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.design import Design
 from sim.experiment.trials import trials_of
-from sim.experiment.worth.inputs import BUFFER, INPUTS, bundled_designs, load_worth
-from sim.experiment.worth.study import ends_of, study_of
+from sim.experiment.worth.study import BUFFER, INPUTS, bundled_designs, ends_of, load_worth
 from tests.sim.experiment.worth.support import DESIGN
 from tests.support.making import refusal
 
@@ -25,7 +24,7 @@ def test_every_bundled_design_is_read_and_each_input_has_a_source_and_a_range() 
     assert set(bundled_designs()) == {"intercity", "suburban", "freight"}
     for name in bundled_designs():
         worth = load_worth(name)
-        assert worth.name == name
+        assert worth.study.name == name
         assert set(worth.inputs) == set(INPUTS)
         for one in worth.inputs.values():
             assert one.low <= one.value <= one.high
@@ -36,12 +35,12 @@ def test_every_bundled_design_is_read_and_each_input_has_a_source_and_a_range() 
 def test_cases_differ_in_one_input_and_only_driven_inputs_have_any(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(DESIGN)
     worth = load_worth(str(tmp_path / "short.toml"))
-    assert ends_of(worth) == {
+    assert ends_of(worth.inputs) == {
         "receptivity_ratio": {},
         "haste_ratio": {},
         "electric_brake_ratio": {"electric_brake_ratio-high": 1.0},
     }
-    found = settings(study_of(worth))
+    found = settings(worth.study)
     assert list(found) == [
         *("all-out", "obedient", "today", "today-guided", "in-time", "in-time-guided"),
         *("electric_brake_ratio-high", "electric_brake_ratio-high-guided"),
@@ -62,13 +61,13 @@ def test_cases_differ_in_one_input_and_only_driven_inputs_have_any(tmp_path: Pat
 
 def test_all_cases_of_a_driver_have_one_run_and_one_stream_of_chances(tmp_path: Path) -> None:
     (tmp_path / "short.toml").write_text(DESIGN)
-    trials = trials_of(study_of(load_worth(str(tmp_path / "short.toml"))))
+    trials = trials_of(load_worth(str(tmp_path / "short.toml")).study)
     assert len(trials) == 4 * 8
     assert len({(one.person, one.seed, one.stream) for one in trials}) == len({one.person for one in trials}) == 4
 
 
 def test_a_buffer_is_driven_from_low_to_high_unless_the_scenario_states_its_times(tmp_path: Path) -> None:
-    found = settings(study_of(load_worth("freight")))
+    found = settings(load_worth("freight").study)
     assert {case: found[case][BUFFER] for case in ("today", "buffer_percent-low", "buffer_percent-high-guided")} == {
         "today": "12",
         "buffer_percent-low": "8",
@@ -77,7 +76,7 @@ def test_a_buffer_is_driven_from_low_to_high_unless_the_scenario_states_its_time
     (tmp_path / "short.toml").write_text(DESIGN)
     timed = load_worth(str(tmp_path / "short.toml"))
     assert BUFFER not in timed.inputs
-    assert BUFFER not in settings(study_of(timed))["today"]
+    assert BUFFER not in settings(timed.study)["today"]
 
 
 @pytest.mark.parametrize(

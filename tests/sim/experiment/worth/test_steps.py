@@ -13,8 +13,8 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.one_line import mean_interval
 from sim.experiment.study_files import TRIALS_TABLE
-from sim.experiment.worth.inputs import Input, WorthDesign, load_worth
 from sim.experiment.worth.page import TORNADO, findings, print_findings, write_findings
+from sim.experiment.worth.study import Input, WorthDesign, load_worth
 from tests.sim.experiment.worth.support import DESIGN, own_steps, write_trials
 from tests.support.making import REPOSITORY
 
@@ -41,7 +41,7 @@ def test_the_steps_are_those_of_an_analysis_of_trials_csv_alone(worth: WorthDesi
         for name in ("saved_kwh", "interval_kwh", "saved_ratio"):
             assert getattr(step, name) == pytest.approx(own[name], rel=1e-9), (step.name, name)
         for side in ("before", "after"):
-            assert list(vars(getattr(step, side)).values()) == pytest.approx(own[side], rel=1e-9)
+            assert list(getattr(step, side).values()) == pytest.approx(own[side], rel=1e-9)
         assert step.year["eur"] == pytest.approx(own["eur"], rel=1e-9)
         assert step.shows_saving
 
@@ -99,7 +99,7 @@ def test_a_timetable_that_cannot_be_kept_is_named(worth: WorthDesign, tmp_path: 
     table.write_text("\n".join([head, *(",".join(row) for row in late), ""]))
     found = findings(worth, folder)
     assert found.remarks[0].startswith("The timetable cannot be kept: even the all-out driver arrives 95 s late")
-    assert found.steps[1].after.within_minute_ratio == 0.0
+    assert found.steps[1].after["within_minute_ratio"] == 0.0
 
 
 def test_the_range_of_a_year_combines_the_drivers_with_each_input(worth: WorthDesign, tmp_path: Path) -> None:

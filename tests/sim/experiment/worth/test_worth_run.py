@@ -9,9 +9,8 @@ import pytest
 from sim.experiment import driving
 from sim.experiment.runner import ServiceMemory
 from sim.experiment.trials import jobs_of, make_trial
-from sim.experiment.worth.inputs import load_worth
 from sim.experiment.worth.page import findings
-from sim.experiment.worth.study import study_of
+from sim.experiment.worth.study import load_worth
 from tests.sim.experiment.worth.support import DESIGN, own_steps
 from tests.support.making import das_sim, das_sim_json, refusal
 
@@ -41,7 +40,7 @@ def test_driven_trials_give_the_steps_of_an_own_analysis(place: Path, driven: Pa
     optimum, obedient, _, _, in_time = (step.saved_kwh for step in steps)
     assert optimum > obedient > 0
     assert obedient > in_time
-    assert steps[0].before.late_s < 0
+    assert steps[0].before["late_s"] < 0
 
 
 def test_a_second_run_drives_nothing_and_new_prices_are_read(place: Path, driven: Path) -> None:
@@ -83,7 +82,7 @@ def test_fronts_kept_from_trial_to_trial_change_no_figure(tmp_path: Path, monkey
     """Trials of one process, against trials for each of which the line is solved again; to the last digit."""
     text = DESIGN.replace("receptivity_ratio = {value = 1.0, low = 1.0", "receptivity_ratio = {value = 0.8, low = 0.8")
     (tmp_path / "short.toml").write_text(text)
-    jobs = jobs_of(study_of(load_worth(str(tmp_path / "short.toml"))), tmp_path)
+    jobs = jobs_of(load_worth(str(tmp_path / "short.toml")).study, tmp_path)
     some = [job for job in jobs if job.trial.levels[0] in ("today-guided", "receptivity_ratio-high", "all-out")][:5]
     kept = [make_trial(job) for job in some]
     for job, made in zip(some, kept, strict=True):
