@@ -33,8 +33,8 @@ from sim.trips.record import ANY_TIME, number, read_time
 class StopFields(NamedTuple):
     """The fields of the stops of a portal (see `Portal`), and the zone of times that state none.
 
-    `stops` is the list of stops; those with `isRemoved` are left out. Times of day are those nearest to the time `at`
-    of the answer. `dwell_min` (min) is the time from arrival to departure.
+    `stops` is the list of stops; those with `isRemoved` are left out. `dwell_min` (min) is the time from arrival to
+    departure.
     """
 
     zone: str
@@ -44,17 +44,13 @@ class StopFields(NamedTuple):
     departure: str
     latitude: str = "latitude"
     longitude: str = "longitude"
-    at: str = ""
     dwell_min: str = ""
 
 
 STOPS: Final = (
     StopFields("Europe/Berlin", "stops", "station.name", "scheduledArrivalTime", "scheduledDepartureTime"),
     StopFields("Europe/Paris", "stops", "label name", "theoricDate", "theoricDate", dwell_min="duration"),
-    StopFields(
-        "Europe/Vienna", "stations", "name.de", "arrival.scheduled", "departure.scheduled",
-        at="latestStatus.dateTime",
-    ),
+    StopFields("Europe/Vienna", "stations", "name.de", "arrival.scheduled", "departure.scheduled"),
     StopFields(
         "Europe/Prague", "connexionTimes", "station.name", "timeArrival", "timeDeparture", "station.gpsLat",
         "station.gpsLng",
@@ -68,8 +64,8 @@ DEEPEST: Final = 4
 def trip_journey(name_or_path: str, route: Route, departed_ns: int) -> Journey:
     """The journey of a trip: a bundled journey, a journey file, or the stops that a portal states.
 
-    `departed_ns` is a time of the trip (ns since 1970), for times of day in an answer that states no day. Raises
-    DasError or InputError (file, key, value, expectation) for anything unusable.
+    `departed_ns` is a time of the trip (ns since 1970); a time of day is the one nearest to it. Raises DasError or
+    InputError (file, key, value, expectation) for anything unusable.
     """
     path, found, last = Path(name_or_path), None, None
     if path.is_file() and path.suffix.lower() not in (".toml", ".zip"):
@@ -96,28 +92,26 @@ def _lists(value: Any, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
             yield from _lists(one, depth + 1)
 
 
-def _stated(answer: Any) -> Iterator[tuple[StopFields, list[Answer], Answer]]:
-    """The fields and the stops in an answer, and its other fields."""
+def _stated(answer: Any) -> Iterator[tuple[StopFields, list[Answer]]]:
+    """The fields and the stops in an answer."""
     for key, entries in _lists(answer):
         stops = [dict(portals.flat(entry)) for entry in entries]
         names = names_of(stops)
         for form in STOPS:
             if key == form.stops and all(field_of(names, one) for one in (form.name, form.departure)):
-                yield form, stops, dict(portals.flat(answer))
+                yield form, stops
 
 
-def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], answer: Answer, near_ns: int) -> Journey:
+def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], near_ns: int) -> Journey:
     """The journey over the stops of a portal that are on a route; times in s from the midnight before the first."""
     names, zone = names_of(stops), ZoneInfo(form.zone)
 
     def text(stop: Answer, wanted: str) -> str:
-        return stop.get(field_of(names, wanted) or (), "")
+        return stop.get(field_of(names, wanted), "")
 
     def degrees(stop: Answer, wanted: str) -> float:
         return number(path, f"{form.stops} {wanted}", text(stop, wanted)) if text(stop, wanted) else np.nan
 
-    at = answer.get(field_of(list(answer), form.at) or (), "")
-    near_ns = read_time(path, form.at, at, ANY_TIME, zone) if at else near_ns
     read: list[TripStop] = []
     zero_ns = 0
     for i, stop in enumerate(stops):
@@ -132,14 +126,17 @@ def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], an
     trip = FeedTrip(
         feed=path, id="of the portal", title="", agency="", time_zone="", stops=tuple(read), shape_deg=np.empty((0, 2))
     )
-    on_route, calls = placed(trip, route).stops, []
-    for one in on_route:
-        windows = Window(latest_s=one.stop.arrival_s), Window(earliest_s=one.stop.departure_s)
-        arrival = ALWAYS if one == on_route[0] else windows[0]
-        departure = ALWAYS if one == on_route[-1] else windows[1]
-        name = one.route_stop or one.stop.name
-        calls.append(Call(name=name, position_m=one.position_m, arrival=arrival, departure=departure))
-    return Journey(id="portal", name=f"{calls[0].name} – {calls[-1].name}", source=str(path), points=tuple(calls))
+    on_route = placed(trip, route).stops
+    calls = tuple(
+        Call(
+            name=one.route_stop or one.stop.name,
+            position_m=one.position_m,
+            arrival=ALWAYS if one == on_route[0] else Window(latest_s=one.stop.arrival_s),
+            departure=ALWAYS if one == on_route[-1] else Window(earliest_s=one.stop.departure_s),
+        )
+        for one in on_route
+    )
+    return Journey(id="portal", name=f"{calls[0].name} – {calls[-1].name}", source=str(path), points=calls)
 
 
 def _time_ns(path: Path, key: str, text: str, zone: ZoneInfo, near_ns: int) -> int:
@@ -148,7 +145,6 @@ def _time_ns(path: Path, key: str, text: str, zone: ZoneInfo, near_ns: int) -> i
     if clock is None:
         return read_time(path, key, text, ANY_TIME, zone)
     hours, minutes, seconds = (int(part or 0) for part in clock.groups())
-    midnight = datetime.combine(datetime.fromtimestamp(near_ns * NS, zone), datetime.min.time())
-    after = timedelta(hours=hours, minutes=minutes, seconds=seconds)
-    days = [(midnight + timedelta(days=day) + after).replace(tzinfo=zone).timestamp() for day in (-1, 0, 1)]
-    return min((round(one / NS) for one in days), key=lambda one_ns: abs(one_ns - near_ns))
+    midnight = datetime.fromtimestamp(near_ns * NS, zone).replace(hour=0, minute=0, second=0, microsecond=0)
+    days = (midnight + timedelta(day, seconds, minutes=minutes, hours=hours) for day in (-1, 0, 1))
+    return min((round(one.timestamp() / NS) for one in days), key=lambda one_ns: abs(one_ns - near_ns))

@@ -16,10 +16,8 @@ from typing import Any, Final
 
 from das.domain.errors import MISSING, InputError
 
-Name = tuple[str, ...]
-"""The name of a field in parts: ("status", "latitude") is the field latitude of the object status."""
-Answer = dict[Name, str]
-"""The fields of an answer as text, without lists."""
+Answer = dict[str, str]
+"""The fields of an answer as text, without lists; the name `.status.latitude` is the field latitude of status."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +82,7 @@ JSON_START: Final = re.compile(rb"[\xef\xbb\xbf\s]*([\w$.]*\s*\(\s*)?[{\[]")
 _BETWEEN: Final = re.compile(r"[\s,\[\]();]*(?:[A-Za-z_$][\w.$]*\s*\(\s*)?")
 """Punctuation between two answers: that of JSON lines, of an array and of JSONP."""
 _PARTS: Final = re.compile(r"[._/ ]+")
+"""Punctuation between the parts of a name."""
 LOCAL_TIME: Final = re.compile(r"\d{4}-\d\d-\d\d[T ][\d:.,]+")
 """A time without its zone."""
 _DECODER: Final = json.JSONDecoder(parse_float=str, parse_int=str, parse_constant=str)
@@ -91,32 +90,36 @@ _SHOWN: Final = 6
 _DEEPEST: Final = 30
 
 
-def names_of(answers: Iterable[Answer]) -> tuple[Name, ...]:
+def dotted(name: str) -> str:
+    """The name of a field or of a column with a point before each part."""
+    return f".{_PARTS.sub('.', name)}"
+
+
+def names_of(answers: Iterable[Answer]) -> tuple[str, ...]:
     """The names of all fields in answers."""
     return tuple(dict.fromkeys(name for answer in answers for name in answer))
 
 
-def field_of(names: Sequence[Name], wanted: str, beside: Name = ()) -> Name | None:
-    """The field with the first of the wanted names that occurs, without regard to case; None if there is none.
+def field_of(names: Sequence[str], wanted: str, beside: str = "") -> str:
+    """The field with the first of the wanted names that occurs, without regard to case; empty if there is none.
 
     Of several such fields it is the one in the object `beside`, else the one in the fewest objects.
     """
     for one in wanted.split():
-        parts = _PARTS.split(one.casefold())
-        fits = [name for name in names if [part.casefold() for part in name[-len(parts) :]] == parts]
+        fits = [name for name in names if name.casefold().endswith(dotted(one).casefold())]
         if fits:
-            return min(fits, key=lambda name: (name[:-1] != beside, len(name)))
-    return None
+            return min(fits, key=lambda name: (name.rpartition(".")[0] != beside, name.count(".")))
+    return ""
 
 
-def _shows(names: Sequence[Name], mark: str) -> bool:
+def _shows(names: Sequence[str], mark: str) -> bool:
     """Whether the fields of a mark occur."""
     if mark[0].isupper():
-        return {name[-1] for name in names} >= set(mark.split())
-    return all(field_of(names, one) is not None for one in mark.split())
+        return {name.rpartition(".")[2] for name in names} >= set(mark.split())
+    return all(field_of(names, one) for one in mark.split())
 
 
-def portal_of(names: Sequence[Name]) -> Portal | None:
+def portal_of(names: Sequence[str]) -> Portal | None:
     """The portal whose answers have these fields; None if none is known."""
     ranked = [(one, one.marks) for one in PORTALS] + [(one, one.weak_marks) for one in PORTALS]
     return next((one for one, marks in ranked if any(_shows(names, mark) for mark in marks)), None)
@@ -143,21 +146,16 @@ def json_values(text: str) -> Iterator[tuple[Any, int]]:
         line += text.count("\n", start, at)
 
 
-def flat(value: Any, at: Name = ()) -> Iterator[tuple[Name, str]]:
+def flat(value: Any, at: str = "") -> Iterator[tuple[str, str]]:
     """The fields of an object and of the objects in it, without lists."""
-    if isinstance(value, dict) and len(at) < _DEEPEST:
+    if isinstance(value, dict) and at.count(".") < _DEEPEST:
         for key, one in value.items():
-            yield from flat(one, (*at, *_PARTS.split(key)))
+            yield from flat(one, at + dotted(key))
     elif not isinstance(value, dict | list):
         yield at, "" if value is None else str(value).strip()
 
 
-def column_names(titles: Iterable[str]) -> list[Name]:
-    """The names of fields in the columns of a table."""
-    return [tuple(_PARTS.split(title)) for title in titles]
-
-
-def csv_answers(names: Sequence[Name], rows: Iterable[Sequence[str]]) -> list[tuple[Answer, int]]:
+def csv_answers(names: Sequence[str], rows: Iterable[Sequence[str]]) -> list[tuple[Answer, int]]:
     """The answers in the rows below the header of a table, and their lines, without blank ones.
 
     A row that was cut lacks its last fields; one with too many is empty.
@@ -174,25 +172,23 @@ def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[lis
     names = names_of(answers)
     portal = portal_of(names)
     if portal is None:
-        shown = ",".join(".".join(name) for name in names[:_SHOWN]) + "…" * (len(names) > _SHOWN)
+        shown = ",".join(name[1:] for name in names[:_SHOWN]) + "…" * (len(names) > _SHOWN)
         known = "; ".join(f"{one.name}: {one.marks[0].replace(' ', ', ')}" for one in PORTALS)
         raise InputError(path, "the fields", shown, f"answers of a train's Wi-Fi portal ({known})")
-    latitude = field_of(names, portal.latitude) or ()
-    beside = latitude[:-1]
+    latitude = field_of(names, portal.latitude)
+    beside = latitude.rpartition(".")[0]
     time = field_of(names, portal.time, beside) or field_of(names, RECORDED)
-    if time is None:
+    if not time:
         raise InputError(path, portal.name, MISSING, f"a field with the time of each answer: {RECORDED}")
     used = [latitude, *(field_of(names, one, beside) for one in (portal.longitude, portal.speed)), time]
     lost = {field_of(names, one, beside): re.compile(said, re.IGNORECASE) for one, said in portal.lost.items()}
     return portal, [_cells(answer, used, lost) for answer in answers]
 
 
-def _cells(answer: Answer, used: list[Name | None], lost: dict[Name | None, re.Pattern[str]]) -> list[str]:
+def _cells(answer: Answer, used: Iterable[str], lost: dict[str, re.Pattern[str]]) -> list[str]:
     """The cells of an answer, with points as decimal signs; no place if the portal has lost it, or it is 0, 0."""
-    cells = ["" if name is None else answer.get(name, "") for name in used]
-    latitude, longitude, *others = [re.sub(r"^(-?\d+),(\d+)$", r"\1.\2", cell) for cell in cells]
-    said = [(pattern, answer.get(name, "")) for name, pattern in lost.items() if name is not None]
+    latitude, longitude, *others = (re.sub(r"^(-?\d+),(\d+)$", r"\1.\2", answer.get(name, "")) for name in used)
     nowhere = not any(digit in latitude + longitude for digit in "123456789")
-    if nowhere or any(value and pattern.fullmatch(value) for pattern, value in said):
+    if nowhere or any(answer.get(name) and pattern.fullmatch(answer[name]) for name, pattern in lost.items()):
         latitude = longitude = ""
     return [latitude, longitude, *others]

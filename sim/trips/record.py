@@ -260,7 +260,7 @@ def _read_csv(path: Path) -> Reading:
     try:
         columns = _columns(path, table.names)
     except InputError:
-        names = portals.column_names(table.titles)
+        names = [portals.dotted(title) for title in table.titles]
         if portals.portal_of(names) is None:
             raise
         return _of_portal(path, portals.csv_answers(names, table.rows))

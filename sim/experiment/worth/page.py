@@ -65,7 +65,7 @@ class WorthFindings:
             )
         for number, step in enumerate(self.steps, start=1):
             if not step.shows_saving:
-                found.append(f"Step {number} ({step.name}): no saving shown, because the interval reaches 0.")
+                found.append(f"Step {number} ({step.name}): no saving shown, because the interval is not above 0.")
             if lost := drivers - step.pairs:
                 reason = "trials failed or cannot be compared."
                 found.append(f"Step {number}: {lost} of {drivers} drivers left out: {reason}")

@@ -19,20 +19,7 @@ from das.domain.errors import DasError
 from sim.experiment.analysis.comparing import RunStudy
 from sim.experiment.one_line import LEAST_VALUES, mean_interval
 from sim.experiment.worth import study as cases
-from sim.experiment.worth.study import (
-    CO2,
-    DAYS,
-    ENERGY,
-    EQUAL,
-    FOLLOWERS,
-    GUIDED,
-    IN_TIME,
-    PRICE,
-    TODAY,
-    TRAINS,
-    Input,
-    WorthDesign,
-)
+from sim.experiment.worth.study import CO2, DAYS, FOLLOWERS, PRICE, TRAINS, Input, WorthDesign
 
 Floats = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -57,7 +44,7 @@ class Claim(NamedTuple):
     words: str
     before: str
     after: str
-    measure: str = ENERGY
+    measure: str = cases.ENERGY
     shared: bool = False
 
 
@@ -67,11 +54,13 @@ CLAIMS: Final = (
     Claim("obedient", "a driver who follows the guide exactly, against the all-out driver",
           cases.ALL_OUT, cases.OBEDIENT),
     Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
-          "as they drive today; trains whose driver does not follow save nothing", TODAY, TODAY + GUIDED, shared=True),
-    Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", TODAY,
-          TODAY + GUIDED, EQUAL, shared=True),
+          "as they drive today; trains whose driver does not follow save nothing", cases.TODAY, cases.TODAY + cases.GUIDED,
+          shared=True),
+    Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", cases.TODAY,
+          cases.TODAY + cases.GUIDED, cases.EQUAL, shared=True),
     Claim("equal brakes", "the same, if people without the guide already used all of the timetable's time and braked "
-          "with the motors first: what advice alone saves", IN_TIME, IN_TIME + GUIDED, EQUAL, shared=True),
+          "with the motors first: what advice alone saves", cases.IN_TIME, cases.IN_TIME + cases.GUIDED, cases.EQUAL,
+          shared=True),
 )  # fmt: skip
 """The claims of the five steps, in their order."""
 
@@ -123,10 +112,10 @@ def by_case(study: RunStudy) -> Cases:
         found[case] = {name: np.full(len(names), np.nan) for name in trials.values}
         for name, values in trials.values.items():
             found[case][name][who[mine]] = values[mine]
-        found[case][EQUAL][np.isnan(found[case][cases.COMPARABLE])] = np.nan
+        found[case][cases.EQUAL][np.isnan(found[case][cases.COMPARABLE])] = np.nan
     driven = found[cases.ALL_OUT]
-    optimum = driven[EQUAL] - driven[ENERGY] + driven[cases.OPTIMUM]
-    return found | {SOLVED: {ENERGY: optimum, cases.LATE: np.zeros(len(names))}}
+    optimum = driven[cases.EQUAL] - driven[cases.ENERGY] + driven[cases.OPTIMUM]
+    return found | {SOLVED: {cases.ENERGY: optimum, cases.LATE: np.zeros(len(names))}}
 
 
 def steps_of(worth: WorthDesign, study: RunStudy) -> list[WorthStep]:
@@ -145,7 +134,11 @@ def _step(claim: Claim, worth: WorthDesign, measured: Cases) -> WorthStep:
     share = worth.values[FOLLOWERS] if claim.shared else 1.0
     late_s, mean, half = before[cases.LATE][known], float(saved[known].mean()), mean_interval(saved[known])
     # The energy that each follower saves, at the ends of all that was drawn or driven.
-    driven = {DRAWN: (mean - half, mean + half), **_ends(claim, worth, measured, mean)} if claim.before == TODAY else {}
+    driven = (
+        {DRAWN: (mean - half, mean + half), **_ends(claim, worth, measured, mean)}
+        if claim.before == cases.TODAY
+        else {}
+    )
     year: dict[str, float] = {}
     ranges: dict[str, Pair] = {}
     effects: dict[str, Pair] = {}
@@ -187,7 +180,7 @@ def _ends(claim: Claim, worth: WorthDesign, measured: Cases, mean: float) -> dic
     for name, driven in cases.ends_of(worth.inputs).items():
         at = dict.fromkeys((worth.inputs[name].low, worth.inputs[name].high), mean)
         for case, value in driven.items():
-            saved = measured[case][claim.measure] - measured[case + GUIDED][claim.measure]
+            saved = measured[case][claim.measure] - measured[case + cases.GUIDED][claim.measure]
             at[value] = float(np.nanmean(saved)) if np.isfinite(saved).any() else mean
         found[name] = min(at.items())[1], max(at.items())[1]
     return found

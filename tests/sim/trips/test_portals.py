@@ -76,7 +76,7 @@ def as_objects(form: str) -> str:
 
 def as_csv(form: str, separator: str = ",", joint: str = "_", comma: bool = False) -> str:
     """A table with the fields of all objects, their names joined."""
-    rows = [{joint.join(name): text for name, text in flat(FORMS[form](fix))} for fix in FIXES]
+    rows = [{name[1:].replace(".", joint): text for name, text in flat(FORMS[form](fix))} for fix in FIXES]
     out = io.StringIO()
     writer = csv.DictWriter(out, list(rows[0]), delimiter=separator)
     writer.writeheader()
