@@ -54,8 +54,8 @@ CLAIMS: Final = (
     Claim("obedient", "a driver who follows the guide exactly, against the all-out driver",
           cases.ALL_OUT, cases.OBEDIENT),
     Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
-          "as they drive today; trains whose driver does not follow save nothing", cases.TODAY, cases.TODAY + cases.GUIDED,
-          shared=True),
+          "as they drive today; trains whose driver does not follow save nothing", cases.TODAY,
+          cases.TODAY + cases.GUIDED, shared=True),
     Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", cases.TODAY,
           cases.TODAY + cases.GUIDED, cases.EQUAL, shared=True),
     Claim("equal brakes", "the same, if people without the guide already used all of the timetable's time and braked "
@@ -133,12 +133,7 @@ def _step(claim: Claim, worth: WorthDesign, measured: Cases) -> WorthStep:
         raise DasError(f"{worth.study.source}: step {claim.name}: {why} (failed.csv lists failed trials)")
     share = worth.values[FOLLOWERS] if claim.shared else 1.0
     late_s, mean, half = before[cases.LATE][known], float(saved[known].mean()), mean_interval(saved[known])
-    # The energy that each follower saves, at the ends of all that was drawn or driven.
-    driven = (
-        {DRAWN: (mean - half, mean + half), **_ends(claim, worth, measured, mean)}
-        if claim.before == cases.TODAY
-        else {}
-    )
+    driven = _ends(claim, worth, measured, (mean, half)) if claim.before == cases.TODAY else {}
     year: dict[str, float] = {}
     ranges: dict[str, Pair] = {}
     effects: dict[str, Pair] = {}
@@ -174,9 +169,10 @@ def _punctuality(before_s: Floats, after_s: Floats, share: float) -> dict[str, f
     return dict(zip(("late_s", "on_time_ratio", "within_minute_ratio"), mixed, strict=True))
 
 
-def _ends(claim: Claim, worth: WorthDesign, measured: Cases, mean: float) -> dict[str, Pair]:
-    """The mean energy saved with each driven input at the low and the high end of its range."""
-    found = {}
+def _ends(claim: Claim, worth: WorthDesign, measured: Cases, drawn: Pair) -> dict[str, Pair]:
+    """The mean energy that a follower saves at the ends of all that was drawn (mean ± half interval) or driven."""
+    mean, half = drawn
+    found = {DRAWN: (mean - half, mean + half)}
     for name, driven in cases.ends_of(worth.inputs).items():
         at = dict.fromkeys((worth.inputs[name].low, worth.inputs[name].high), mean)
         for case, value in driven.items():
