@@ -40,7 +40,7 @@ def worth(
     hands = Workers.asked(workers, scheduler)
     with loading_solver():
         from sim.experiment.study_files import FAILED_TABLE
-        from sim.experiment.worth.page import findings, print_findings, write_findings
+        from sim.experiment.worth.findings import findings, print_findings, write_findings
         from sim.experiment.worth.study import load_worth, run_worth
     with busy("reading the design …"):
         asked = load_worth(design, seeds)

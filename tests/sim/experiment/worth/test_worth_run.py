@@ -9,7 +9,7 @@ import pytest
 from sim.experiment import driving
 from sim.experiment.runner import ServiceMemory
 from sim.experiment.trials import jobs_of, make_trial
-from sim.experiment.worth.page import findings
+from sim.experiment.worth.findings import findings
 from sim.experiment.worth.study import load_worth
 from tests.sim.experiment.worth.support import DESIGN, own_steps
 from tests.support.making import das_sim, das_sim_json, refusal

@@ -13,7 +13,7 @@ import pytest
 from das.domain.errors import DasError
 from sim.experiment.one_line import mean_interval
 from sim.experiment.study_files import TRIALS_TABLE
-from sim.experiment.worth.page import TORNADO, findings, print_findings, write_findings
+from sim.experiment.worth.findings import TORNADO, findings, print_findings, write_findings
 from sim.experiment.worth.study import Input, WorthDesign, load_worth
 from tests.sim.experiment.worth.support import DESIGN, own_steps, write_trials
 from tests.support.making import REPOSITORY
