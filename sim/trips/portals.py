@@ -25,14 +25,13 @@ class Portal:
     """A portal: the names of its fields, its unit of speed, and the time zone of times that state none (None: unknown).
 
     "a.b" is the field b of an object a; "b" is one of any object, or a column. Of several names in a text, the first
-    that occurs in a file counts. All fields in one of the texts `marks` (or `weak_marks`, if there are no marks of any
-    portal) show that an answer is this portal's; a mark that begins with a capital letter is compared as written.
-    `lost` are patterns of values that say that the position is not the present one.
+    that occurs in a file counts. All fields in one of the texts `marks` show that an answer is this portal's, if it is
+    none of a portal before it; a mark that begins with a capital letter is compared as written. `lost` are patterns of
+    values that say that the position is not the present one.
     """
 
     name: str
     marks: tuple[str, ...]
-    weak_marks: tuple[str, ...] = ()
     latitude: str = "latitude"
     longitude: str = "longitude"
     speed: str = "speed"
@@ -53,20 +52,18 @@ PORTALS: Final = (
         time="serverTime", lost={"gpsStatus": r"(?!valid$).*"},
     ),
     Portal(
-        name="SNCF (wifi.sncf)", zone="Europe/Paris", speed_unit="speed_mps",
-        marks=("latitude speed fix", "latitude speed success", "latitude speed heading"),
-        weak_marks=("latitude speed altitude timestamp",),
-        time="timestamp", lost={"success": r"false|0", "fix": r"false|0(\.0*)?"},
-    ),
-    Portal(
         name="SJ and others with Icomera (ombord.info)", zone=None, speed_unit="speed_mps",
         marks=("latitude speed satellites", "latitude speed cmg", "latitude speed mode"),
-        weak_marks=("latitude speed altitude time",),
         time="time", lost={"satellites": r"0*(\.0*)?", "mode": r"[01](\.0*)?"},
     ),
     Portal(
+        name="SNCF (wifi.sncf)", zone="Europe/Paris", speed_unit="speed_mps",
+        marks=("latitude speed fix", "latitude speed success", "latitude speed heading", "latitude altitude timestamp"),
+        time="timestamp", lost={"success": r"false|0", "fix": r"false|0(\.0*)?"},
+    ),
+    Portal(
         name="ÖBB (railnet.oebb.at)", zone="Europe/Vienna",
-        marks=("gpsPosition.latitude", "Latitude Longitude speed"), weak_marks=("gps.latitude gps.longitude speed",),
+        marks=("gpsPosition.latitude", "Latitude Longitude speed", "gps.latitude gps.longitude speed"),
         latitude="gpsPosition.latitude latitude", longitude="gpsPosition.longitude longitude",
         speed="latestStatus.speed speed", time="latestStatus.dateTime",
     ),
@@ -121,8 +118,7 @@ def _shows(names: Sequence[str], mark: str) -> bool:
 
 def portal_of(names: Sequence[str]) -> Portal | None:
     """The portal whose answers have these fields; None if none is known."""
-    ranked = [(one, one.marks) for one in PORTALS] + [(one, one.weak_marks) for one in PORTALS]
-    return next((one for one, marks in ranked if any(_shows(names, mark) for mark in marks)), None)
+    return next((one for one in PORTALS if any(_shows(names, mark) for mark in one.marks)), None)
 
 
 def json_values(text: str) -> Iterator[tuple[Any, int]]:

@@ -128,7 +128,6 @@ MINIMAL: dict[str, str] = {
     "france": '{{"timestamp": {s}, "latitude": {lat}, "longitude": {lon}, "altitude": 7, "speed": {mps}}}',
     "france in ms": '{{"timestamp": {ms}, "fix": true, "latitude": {lat}, "longitude": {lon}, "speed": {mps}}}',
     "france, ISO": '{{"timestamp": "{iso}", "heading": 1, "latitude": {lat}, "longitude": {lon}, "speed": {mps}}}',
-    "sweden": '{{"time": "{s}", "latitude": "{lat}", "longitude": "{lon}", "altitude": "1", "speed": "{mps}"}}',
     "sweden, satellites": '{{"time": {s}, "satellites": 7, "latitude": {lat}, "longitude": {lon}, "speed": {mps}}}',
 }
 
