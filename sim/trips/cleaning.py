@@ -286,11 +286,11 @@ def find_frozen(time_s: Floats, along_m: Floats, speed_mps: Floats) -> Bools:
             frozen[last_good + 1 : last + 1] = True
     zero = np.append(False, (np.diff(along_m) == 0) & (speed_mps[1:] == 0))
     for last_good, last in ((first - 1, end - 1) for first, end in stretches_of(zero)):
-        before_s, after_s = (
-            float(time_s[i + 1] - time_s[i]) if 0 <= i < len(time_s) - 1 else np.inf for i in (last_good - 1, last)
-        )
+        if last_good == 0 or last == len(time_s) - 1:
+            continue
+        before_s, after_s = time_s[last_good] - time_s[last_good - 1], time_s[last + 1] - time_s[last]
         came_mps = (along_m[last_good] - along_m[last_good - 1]) / before_s
-        led_m = np.median(along_m[last + 1 : last + 1 + STEPS_AROUND]) - along_m[last] if after_s < np.inf else 0.0
+        led_m = np.median(along_m[last + 1 : last + 1 + STEPS_AROUND]) - along_m[last]
         if came_mps > WRONG_SPEED_MPS + CHANGE_MPS2 * before_s and led_m > JUMP_M + CHANGE_MPS2 / 2 * after_s**2:
             frozen[last_good + 1 : last + 1] = True
     return frozen

@@ -58,7 +58,8 @@ PORTALS: Final = (
     ),
     Portal(
         name="SNCF (wifi.sncf)", zone="Europe/Paris", speed_unit="speed_mps",
-        marks=("latitude speed fix", "latitude speed success", "latitude speed heading", "latitude altitude timestamp"),
+        marks=("latitude speed fix", "latitude speed success", "latitude speed heading",
+               "latitude speed altitude timestamp"),
         time="timestamp", lost={"success": r"false|0", "fix": r"false|0(\.0*)?"},
     ),
     Portal(

@@ -326,7 +326,7 @@ class WorthFindings:
         study = self.worth.study
         return {
             "name": study.name,
-            "title": study.title,
+            "title": self.worth.title,
             "drivers": study.people.count,
             "seed": study.seed,
             "scenario": study.fixed["scenario"].text,
@@ -343,7 +343,7 @@ def findings(worth: WorthDesign, folder: Path) -> WorthFindings:
 
 def print_findings(found: WorthFindings) -> None:
     """Print the five steps, their meanings, the amounts of a year, and the inputs on which the result depends."""
-    tell(found.worth.study.title)
+    tell(found.worth.title)
     for part in found.parts:
         if isinstance(part, str):
             paragraph(part)
@@ -378,7 +378,7 @@ def tornado(found: WorthFindings) -> Any:
     axis.invert_yaxis()
     axis.margins(x=0.12)
     axis.xaxis.set_major_formatter(lambda value, _: short(value))
-    title = f"{found.worth.study.title}\nStep 4, equal arrival: {short(value)} EUR a year"
+    title = f"{found.worth.title}\nStep 4, equal arrival: {short(value)} EUR a year"
     axis.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS + 2)
     named(axis, x="saved, EUR a year, with one input at a time at the ends of its range")
     return figure
@@ -386,7 +386,7 @@ def tornado(found: WorthFindings) -> Any:
 
 def _page(found: WorthFindings) -> Iterator[str]:
     """The lines of the page (Markdown)."""
-    yield f"# {found.worth.study.title}\n"
+    yield f"# {found.worth.title}\n"
     for part in found.parts:
         yield from [part] if isinstance(part, str) else _table(*part)
         yield ""

@@ -83,8 +83,9 @@ class Input:
 
 @dataclass(frozen=True, kw_only=True)
 class WorthDesign:
-    """A worth study, and its inputs by key; no buffer among them if the scenario has a journey or running times."""
+    """A worth study with its title, and its inputs by key; no buffer if the scenario has a journey or running times."""
 
+    title: str
     study: Design
     inputs: Mapping[str, Input]
 
@@ -119,7 +120,7 @@ def load_worth(name_or_path: str, drivers: int | None = None) -> WorthDesign:
     fixed = {"scenario": scenario, "friction": _level("friction", FrictionPolicy.BY_ADVICE.value)}
     study = Design(
         name=study_name(main),
-        title=main.name("title"),
+        title=study_name(main),  # another title is not another study
         description="",
         source=fields.source,
         seed=main.whole("seed", (0, 2**31), 1),
@@ -129,7 +130,7 @@ def load_worth(name_or_path: str, drivers: int | None = None) -> WorthDesign:
         procedure=Procedure(order=ConditionOrder.LISTED, chances=Chances.PAIRED),
         measures=MEASURES,
     )
-    return WorthDesign(study=study, inputs=inputs)
+    return WorthDesign(title=main.name("title"), study=study, inputs=inputs)
 
 
 def _inputs(own: Fields, scenario: Scenario) -> dict[str, Input]:
