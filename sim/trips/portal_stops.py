@@ -83,23 +83,21 @@ def journey_file(name_or_path: str) -> Path:
     return Path(name_or_path) if Path(name_or_path).is_file() else locate_journey(name_or_path)
 
 
-def _lists(value: Any, depth: int = 0) -> Iterator[tuple[str, list[Any]]]:
-    """The lists in an answer that may be stops, with their keys."""
+def _lists(value: Any, depth: int = 0) -> Iterator[tuple[StopFields, list[Any]]]:
+    """The lists in an answer that may be stops, with their fields."""
     for key, one in value.items() if isinstance(value, dict) else ():
-        if isinstance(one, list) and one and any(key == form.stops for form in STOPS):
-            yield key, one
+        if isinstance(one, list) and one:
+            yield from ((form, one) for form in STOPS if form.stops == key)
         if depth < DEEPEST:
             yield from _lists(one, depth + 1)
 
 
 def _stated(answer: Any) -> Iterator[tuple[StopFields, list[Answer]]]:
     """The fields and the stops in an answer."""
-    for key, entries in _lists(answer):
+    for form, entries in _lists(answer):
         stops = [dict(portals.flat(entry)) for entry in entries]
-        names = names_of(stops)
-        for form in STOPS:
-            if key == form.stops and all(field_of(names, one) for one in (form.name, form.departure)):
-                yield form, stops
+        if all(field_of(names_of(stops), one) for one in (form.name, form.departure)):
+            yield form, stops
 
 
 def _journey(path: Path, route: Route, form: StopFields, stops: list[Answer], near_ns: int) -> Journey:

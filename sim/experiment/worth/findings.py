@@ -242,21 +242,19 @@ class WorthFindings:
     steps: Sequence[WorthStep]
 
     @property
-    def remarks(self) -> list[str]:
+    def remarks(self) -> Iterator[str]:
         """Sentences that qualify the steps: a timetable that cannot be kept, no saving shown, drivers left out."""
-        found, drivers = [], self.worth.study.people.count
+        drivers = self.worth.study.people.count
         if (late_s := self.steps[0].before["late_s"]) > TOLERANCE_S:
-            found.append(
+            yield (
                 f"The timetable cannot be kept: even the all-out driver arrives {late_s:.0f} s late on average, so "
                 "that energy can be saved only by arriving still later."
             )
         for number, step in enumerate(self.steps, start=1):
             if not step.shows_saving:
-                found.append(f"Step {number} ({step.name}): no saving shown, because the interval is not above 0.")
+                yield f"Step {number} ({step.name}): no saving shown, because the 95 % interval reaches 0 or less."
             if lost := drivers - step.pairs:
-                reason = "trials failed or cannot be compared."
-                found.append(f"Step {number}: {lost} of {drivers} drivers left out: {reason}")
-        return found
+                yield f"Step {number}: {lost} of {drivers} drivers left out: trials failed or cannot be compared."
 
     @property
     def bars(self) -> list[tuple[str, float, float]]:
@@ -295,9 +293,8 @@ class WorthFindings:
         found = []
         for name, one in self.numbered:
             cells = [short(factor * one.year[unit]) for unit, factor in SHOWN_UNITS.items()]
-            if one.ranges:
-                ends = ((short(factor * end) for end in one.ranges[unit]) for unit, factor in SHOWN_UNITS.items())
-                cells = [f"{cell} ({' to '.join(each)})" for cell, each in zip(cells, ends, strict=True)]
+            for i, (unit, factor) in enumerate(SHOWN_UNITS.items() if one.ranges else ()):
+                cells[i] += f" ({' to '.join(short(factor * end) for end in one.ranges[unit])})"
             found.append([name.split()[0], *(cells if one.shows_saving else ["no saving shown", "", ""])])
         return found
 
@@ -332,7 +329,7 @@ class WorthFindings:
             "scenario": study.fixed["scenario"].text,
             "inputs": {name: asdict(one) for name, one in self.worth.inputs.items()},
             "steps": [asdict(step) | {"shows_saving": step.shows_saving} for step in self.steps],
-            "remarks": self.remarks,
+            "remarks": list(self.remarks),
         }
 
 

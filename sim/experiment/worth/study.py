@@ -177,14 +177,14 @@ MEASURES: Final = (
 
 def _cases(inputs: Mapping[str, Input]) -> Iterator[FactorLevel]:
     today = {name: one.value for name, one in inputs.items() if INPUTS[name].driven}
-    yield _case(ALL_OUT, today, DriverKind.FAST)
+    yield _case(ALL_OUT, today, DriverKind.FAST, Presentation.NONE)
     yield _case(OBEDIENT, today, DriverKind.PERFECT, Presentation.GUIDE)
     people = {TODAY: today, IN_TIME: {**today, HASTE: 0.0, ELECTRIC: 1.0}}
     for name, ends in ends_of(inputs).items():
         people |= {case: {**today, name: value} for case, value in ends.items()}
     for case, values in people.items():
-        yield _case(case, values)
-        yield _case(f"{case}{GUIDED}", values, shown=Presentation.GUIDE)
+        yield _case(case, values, DriverKind.HUMAN, Presentation.NONE)
+        yield _case(f"{case}{GUIDED}", values, DriverKind.HUMAN, Presentation.GUIDE)
 
 
 def ends_of(inputs: Mapping[str, Input]) -> dict[str, dict[str, float]]:
@@ -196,12 +196,7 @@ def ends_of(inputs: Mapping[str, Input]) -> dict[str, dict[str, float]]:
     }
 
 
-def _case(
-    name: str,
-    values: Mapping[str, float],
-    driver: DriverKind = DriverKind.HUMAN,
-    shown: Presentation = Presentation.NONE,
-) -> FactorLevel:
+def _case(name: str, values: Mapping[str, float], driver: DriverKind, shown: Presentation) -> FactorLevel:
     """A case by its name, with the values of the driven inputs, as a named level."""
     settings = {
         "driver": driver.value,

@@ -91,14 +91,14 @@ def test_a_saving_that_is_not_shown_or_negative_is_said_and_not_hidden(
 
 def test_a_timetable_that_cannot_be_kept_is_named(worth: WorthDesign, tmp_path: Path) -> None:
     folder = write_trials(worth, tmp_path / "study", saving)
-    assert findings(worth, folder).remarks == []
+    assert not list(findings(worth, folder).remarks)
     table = folder / TRIALS_TABLE
     head, *rows = table.read_text().splitlines()
     column = head.split(",").index("late_s")
     late = [[*row.split(",")[:column], "95.0", *row.split(",")[column + 1 :]] for row in rows]
     table.write_text("\n".join([head, *(",".join(row) for row in late), ""]))
     found = findings(worth, folder)
-    assert found.remarks[0].startswith("The timetable cannot be kept: even the all-out driver arrives 95 s late")
+    assert next(found.remarks).startswith("The timetable cannot be kept: even the all-out driver arrives 95 s late")
     assert found.steps[1].after["within_minute_ratio"] == 0.0
 
 
