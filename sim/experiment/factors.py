@@ -23,7 +23,6 @@ from sim.world.scenario import Drawn, Scenario, bundled_scenarios, load_scenario
 from sim.world.service import scenario_files
 
 LONGEST_PREVIEW_S: Final = 3600.0
-MOST_BUFFER_PERCENT: Final = 1000.0
 OF_HUMAN: Final = "human_"
 """Prefix of factors that are parameters of the human driver; such a parameter is the same for all participants."""
 
@@ -227,7 +226,7 @@ FACTORS: Final = {
         _choice("friction", "Friction policy", "brake that a human driver uses if the motors could brake",
                 FrictionPolicy),
         _number("buffer_percent", "Buffer", "buffer of a timetable without a journey, above the least time with "
-                "service braking", (0.0, MOST_BUFFER_PERCENT), "%"),
+                "service braking", (0.0, 1000.0), "%"),
         _number("receptivity_ratio", "Receptivity", "share of fed-back power that the line accepts", (0.0, 1.0)),
         KnownFactor(
             name="scenario", title="Scenario", unit="", read=_scenario,

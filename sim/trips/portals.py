@@ -22,7 +22,7 @@ Answer = dict[str, str]
 
 @dataclass(frozen=True, kw_only=True)
 class Portal:
-    """A portal: the names of its fields, its unit of speed, and the time zone of times that state none (None: unknown).
+    """A portal: the names of its fields, its unit of speed, and the zone of times that state none (empty: unknown).
 
     "a.b" is the field b of an object a; "b" is one of any object, or a column. Of several names in a text, the first
     that occurs in a file counts. All fields in one of the texts `marks` show that an answer is this portal's, if it is
@@ -37,7 +37,7 @@ class Portal:
     speed: str = "speed"
     speed_unit: str = "speed_kmh"
     time: str = ""
-    zone: str | None
+    zone: str
     lost: dict[str, str] = field(default_factory=dict)
 
 
@@ -52,7 +52,7 @@ PORTALS: Final = (
         time="serverTime", lost={"gpsStatus": r"(?!valid$).*"},
     ),
     Portal(
-        name="SJ and others with Icomera (ombord.info)", zone=None, speed_unit="speed_mps",
+        name="SJ and others with Icomera (ombord.info)", zone="", speed_unit="speed_mps",
         marks=("latitude speed satellites", "latitude speed cmg", "latitude speed mode"),
         time="time", lost={"satellites": r"0*(\.0*)?", "mode": r"[01](\.0*)?"},
     ),

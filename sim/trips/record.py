@@ -278,10 +278,10 @@ def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
         raise DasError(f"{path}: {len(rows)} answer of a Wi-Fi portal, expected at least 2")
     names = {"latitude": "latitude", "longitude": "longitude", "speed": portal.speed_unit, "time": ANY_TIME}
     columns = {quantity: (i, name) for i, (quantity, name) in enumerate(names.items())}
-    zone = None if portal.zone is None else ZoneInfo(portal.zone)
+    zone = ZoneInfo(portal.zone) if portal.zone else None
     record = _record(path, columns, rows, np.array([line for _, line in given]), zone=zone)
-    local = portal.zone if any(portals.LOCAL_TIME.fullmatch(row[-1]) for row in rows) else None
-    return Reading(record=replace(record, zone=local or ""), format=f"Wi-Fi portal of {portal.name}")
+    local = portal.zone if any(portals.LOCAL_TIME.fullmatch(row[-1]) for row in rows) else ""
+    return Reading(record=replace(record, zone=local), format=f"Wi-Fi portal of {portal.name}")
 
 
 def _record(
