@@ -24,7 +24,8 @@ YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
 UNITS: Final = {"kwh": 1e-3, EUR: 1e-3, "co2_t": 1.0}
 """Factors from the amounts of a year to the units of `YEAR_HEADS`."""
 LEGEND: Final = {
-    "kWh": "of a train, before → with advice; trains whose driver does not follow are included from step 3 on",
+    "kWh": "of a train, before → with advice; the drivers before are others in steps 1 and 2, 3 and 4, and 5; "
+    "trains whose driver does not follow are included from step 3 on",
     "saved": "with the 95 % interval from the drawn drivers; % of the energy before",
     "late": "mean delay at the last stop; ≤ 0 s, ≤ 60 s: share of trains at most so late",
 }
@@ -137,11 +138,11 @@ def print_findings(found: WorthFindings) -> None:
         print_table(table, LEGEND if heads is HEADS else None)
         for name, step in found.numbered if heads is HEADS else []:
             paragraph(f"{name}: {step.words}.", hanging="  ")
+        for remark in found.remarks if heads is HEADS else []:
+            paragraph(f"note: {remark}", hanging="  ")
     paragraph(YEAR_WORDS)
     most = (f"{words}: {short(low)} to {short(high)} EUR" for words, low, high in found.bars[:3])
     paragraph(f"Step 4 depends most on {'; '.join(most)}.")
-    for remark in found.remarks:
-        paragraph(f"note: {remark}", hanging="  ")
 
 
 def write_findings(found: WorthFindings, folder: Path) -> list[Path]:
@@ -180,10 +181,10 @@ def _page(found: WorthFindings) -> Iterator[str]:
     yield from _table(HEADS, found.rows)
     yield f"\n{'; '.join(f'{name}: {words}' for name, words in LEGEND.items())}.\n"
     yield from (f"- **{name}**: {step.words}." for name, step in found.numbered)
+    yield from (f"- {remark}" for remark in found.remarks)
     yield ""
     yield from _table(YEAR_HEADS, found.year_rows)
     yield f"\n{YEAR_WORDS}\n"
-    yield from (f"- {remark}" for remark in found.remarks)
     yield f"\n![Money saved a year, by input]({TORNADO})\n"
     inputs = ((f"{INPUTS[name].title} (`{name}`)", *map(str, vars(one).values())) for name, one in worth.inputs.items())
     yield from _table(("input", "value", "low", "high", "source"), inputs)

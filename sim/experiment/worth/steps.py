@@ -56,8 +56,8 @@ CLAIMS: Final = (
           cases.ALL_OUT, cases.OBEDIENT),
     Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
           "as they drive today; trains whose driver does not follow save nothing", TODAY, TODAY + GUIDED, shared=True),
-    Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", TODAY,
-          TODAY + GUIDED, EQUAL, shared=True),
+    Claim("equal arrival", "the same drives, without the energy that a later arrival saved (or an earlier one cost)",
+          TODAY, TODAY + GUIDED, EQUAL, shared=True),
     Claim("equal brakes", "the same, if people without the guide already used all of the timetable's time and braked "
           "with the motors first: what advice alone saves", IN_TIME, IN_TIME + GUIDED, EQUAL, shared=True),
 )  # fmt: skip
@@ -227,13 +227,21 @@ class Scaled:
 
 
 def remarks(steps: list[WorthStep], drivers: int) -> Iterator[str]:
-    """Sentences that qualify the steps: a timetable that cannot be kept, no saving shown, drivers left out."""
+    """Sentences that qualify the steps: a timetable that cannot be kept, what needs no advice, no saving shown."""
     if (late_s := steps[0].before.late_s) > TOLERANCE_S:
         yield (
             f"The timetable cannot be kept: even the all-out driver arrives {late_s:.0f} s late on average, so that "
             "energy can be saved only by arriving still later."
         )
+    *_, today, in_time = (step.before_kwh for step in steps)
+    if today > in_time:
+        yield (
+            "Without advice, people who use all of the time and brake with the motors first need "
+            f"{in_time:.1f} kWh for {today:.1f} today. Step 5 is what advice adds."
+        )
     for number, step in enumerate(steps, start=1):
+        if step.shows_saving and any(low <= 0.0 for low, _ in step.ranges.values()):
+            yield f"Step {number} ({step.name}): the range of a year reaches 0."
         if not step.shows_saving:
             yield f"Step {number} ({step.name}): no saving shown, because the 95 % interval reaches 0 or less."
         if (lost := drivers - step.pairs) > 0:
