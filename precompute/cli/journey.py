@@ -113,7 +113,7 @@ def journey(
     stops: StopsOptions,
     files: JourneyFiles,
 ) -> None:
-    """Plan a train's whole journey with the least energy: times at all points, and the driving between them.
+    """Plan a train's whole journey with the least energy: times at all points, and driving between them.
 
     Every window is kept: no stop is left early, none is reached late, and passing points are passed in time. The time
     is divided so that one second less would cost the same energy on every section; this price of time changes only at a

@@ -62,7 +62,7 @@ COMMANDS: tuple[Entry, ...] = (
     Entry(
         name="journey",
         where="precompute.cli.journey:journey",
-        summary="Plan a train's whole journey with the least energy: times at all points, and the driving between them.",
+        summary="Plan a train's whole journey with the least energy: times at all points, and driving between them.",
         examples=(
             "das-precompute journey zurich-luzern zurich-luzern re460-ic --plot journey.png",
             "das-precompute journey stops zurich-luzern re460-ic --buffer 7 --dwell 60",

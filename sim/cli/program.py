@@ -108,7 +108,7 @@ ENTRIES: Final = (
         summary="Estimate what advice would save a fleet, in five steps from the technical optimum to people.",
         examples=(
             "das-sim worth intercity",
-            "das-sim worth my-line/fleet.toml --seeds 20",
+            "das-sim worth my-line/fleet.toml --drivers 20",
         ),
     ),
     Entry(

@@ -20,8 +20,9 @@ def worth(
     design: Annotated[
         str, typer.Argument(metavar="DESIGN", help="Bundled design (intercity, suburban, freight), or TOML file.")
     ],
-    seeds: Annotated[
-        int | None, typer.Option(metavar="N", min=3, max=10_000, help="Number of drivers drawn [default: as designed].")
+    drivers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=3, max=10_000, help="Number of drivers drawn [default: the design's]."),
     ] = None,
     out: OutFolderOption = None,
     workers: WorkersOption = None,
@@ -43,7 +44,7 @@ def worth(
         from sim.experiment.worth.findings import findings, print_findings, write_findings
         from sim.experiment.worth.study import load_worth, run_worth
     with busy("reading the design …"):
-        asked = load_worth(design, seeds)
+        asked = load_worth(design, drivers)
     folder = Path(f"worth-{asked.study.name}") if out is None else out
     failed = run_worth(asked, folder, hands, record=recordings).failed
     found = findings(asked, folder)

@@ -64,8 +64,8 @@ CLAIMS: Final = (
     Claim("people", "people with the guide, who brake with the motors while they follow it, against the same people "
           "as they drive today; trains whose driver does not follow save nothing", cases.TODAY,
           cases.TODAY + cases.GUIDED, shared=True),
-    Claim("equal arrival", "the same trains, if those with the guide arrived when the others do", cases.TODAY,
-          cases.TODAY + cases.GUIDED, cases.EQUAL, shared=True),
+    Claim("equal arrival", "the same drives, without the energy that a later arrival saved (or an earlier one cost)",
+          cases.TODAY, cases.TODAY + cases.GUIDED, cases.EQUAL, shared=True),
     Claim("equal brakes", "the same, if people without the guide already used all of the timetable's time and braked "
           "with the motors first: what advice alone saves", cases.IN_TIME, cases.IN_TIME + cases.GUIDED, cases.EQUAL,
           shared=True),
@@ -211,9 +211,9 @@ YEAR_HEADS: Final = ("a year", "MWh", "1000 EUR", "t CO₂")
 SHOWN_UNITS: Final = {"kwh": 1e-3, EUR: 1e-3, "co2_t": 1.0}
 """Factors from the amounts of a year to the units of `YEAR_HEADS`."""
 LEGEND: Final = (
-    "kWh: of a train, before → with advice; trains whose driver does not follow are included from step 3 on; saved: "
-    "with the 95 % interval from the drawn drivers; % of the energy before; late: mean delay at the last stop; ≤ 0 s, "
-    "≤ 60 s: share of trains at most so late."
+    "kWh: of a train, before → with advice; the drivers before are others in steps 1 and 2, 3 and 4, and 5; trains "
+    "whose driver does not follow are included from step 3 on; saved: with the 95 % interval from the drawn drivers; % "
+    "of the energy before; late: mean delay at the last stop; ≤ 0 s, ≤ 60 s: share of trains at most so late."
 )
 YEAR_WORDS: Final = (
     "Ranges combine the interval of the drivers with the ranges of all inputs; only steps 3 and 4 were driven at their "
@@ -243,14 +243,22 @@ class WorthFindings:
 
     @property
     def remarks(self) -> Iterator[str]:
-        """Sentences that qualify the steps: a timetable that cannot be kept, no saving shown, drivers left out."""
+        """Sentences that qualify the steps: a timetable that cannot be kept, what needs no advice, no saving shown."""
         drivers = self.worth.study.people.count
         if (late_s := self.steps[0].before["late_s"]) > TOLERANCE_S:
             yield (
                 f"The timetable cannot be kept: even the all-out driver arrives {late_s:.0f} s late on average, so "
                 "that energy can be saved only by arriving still later."
             )
+        *_, today, in_time = (step.before_kwh for step in self.steps)
+        if today > in_time:
+            yield (
+                "Without advice, people who use all of the time and brake with the motors first need "
+                f"{in_time:.1f} kWh for {today:.1f} today. Step 5 is what advice adds."
+            )
         for number, step in enumerate(self.steps, start=1):
+            if step.shows_saving and any(low <= 0.0 for low, _ in step.ranges.values()):
+                yield f"Step {number} ({step.name}): the range of a year reaches 0."
             if not step.shows_saving:
                 yield f"Step {number} ({step.name}): no saving shown, because the 95 % interval reaches 0 or less."
             if lost := drivers - step.pairs:
@@ -312,11 +320,11 @@ class WorthFindings:
         yield HEADS, self.rows
         yield LEGEND
         yield from (f"{name}: {step.words}." for name, step in self.numbered)
+        yield from (f"Note: {remark}" for remark in self.remarks)
         yield YEAR_HEADS, self.year_rows
         yield YEAR_WORDS
         most = (f"{words}: {short(low)} to {short(high)} EUR" for words, low, high in self.bars[:3])
         yield f"Step 4 depends most on {'; '.join(most)}."
-        yield from (f"Note: {remark}" for remark in self.remarks)
 
     def as_dict(self) -> dict[str, Any]:
         """The findings for programs."""

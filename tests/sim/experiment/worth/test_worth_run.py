@@ -55,7 +55,7 @@ def test_a_second_run_drives_nothing_and_new_prices_are_read(place: Path, driven
 
 
 def test_another_study_is_refused_in_the_folder(place: Path, driven: Path) -> None:
-    said = refusal("worth", "short.toml", "--seeds", "5", "-o", "whole", cwd=place)
+    said = refusal("worth", "short.toml", "--drivers", "5", "-o", "whole", cwd=place)
     assert "holds the frozen design" in said
     assert driven.is_dir()
 
@@ -71,7 +71,7 @@ def test_a_folder_is_a_study_that_can_be_analysed(place: Path, driven: Path) -> 
 def test_a_newcomers_own_line_gives_an_answer(tmp_path: Path) -> None:
     """The example files, as the page says: late departures and a restriction are part of the scenario."""
     assert das_sim("example", "my-line", cwd=tmp_path).returncode == 0
-    done = das_sim("worth", "my-line/fleet.toml", "--seeds", "3", cwd=tmp_path)
+    done = das_sim("worth", "my-line/fleet.toml", "--drivers", "3", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "worth-my-fleet" / "worth.md").is_file()
     assert "1 optimum" in done.stdout
