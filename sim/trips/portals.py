@@ -152,15 +152,6 @@ def flat(value: Any, at: str = "") -> Iterator[tuple[str, str]]:
         yield at, "" if value is None else str(value).strip()
 
 
-def csv_answers(names: Sequence[str], rows: Iterable[Sequence[str]]) -> list[tuple[Answer, int]]:
-    """The answers in the rows below the header of a table, and their lines, without blank ones.
-
-    A row that was cut lacks its last fields; one with too many is empty.
-    """
-    kept = [(row if len(row) <= len(names) else (), line) for line, row in enumerate(rows, start=2) if any(row)]
-    return [(dict(zip(names, row, strict=False)), line) for row, line in kept]
-
-
 def portal_rows(path: Path, answers: Sequence[Answer]) -> tuple[Portal, list[list[str]]]:
     """The portal that gave answers, and their cells: latitude, longitude, speed, time.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime, timedelta, tzinfo
 from decimal import Decimal, InvalidOperation
@@ -187,8 +187,7 @@ def read_trip(path: Path, train: str | None = None) -> Reading:
     if head.lstrip(_BEFORE_XML).startswith(b"<") or suffix == ".gpx":
         return Reading(record=read_gpx(path), format="GPX")
     if portals.JSON_START.match(head):
-        values = portals.json_values(read_text(path))
-        return _of_portal(path, [(dict(portals.flat(value)), line) for value, line in values])
+        return _of_portal(path, portals.json_values(read_text(path)))
     return _read_csv(path)
 
 
@@ -260,10 +259,12 @@ def _read_csv(path: Path) -> Reading:
     try:
         columns = _columns(path, table.names)
     except InputError:
-        names = [portals.dotted(title) for title in table.titles]
-        if portals.portal_of(names) is None:
+        titles = table.titles
+        if portals.portal_of([portals.dotted(title) for title in titles]) is None:
             raise
-        return _of_portal(path, portals.csv_answers(names, table.rows))
+        # A row that was cut lacks its last fields; one with too many says nothing.
+        kept = [(row if len(row) <= len(titles) else (), line) for line, row in enumerate(table.rows, 2) if any(row)]
+        return _of_portal(path, [(dict(zip(titles, row, strict=False)), line) for row, line in kept])
     rows = table.body()
     used = {index for index, _ in columns.values()}
     unread = tuple(name for i, name in enumerate(table.names) if i not in used)
@@ -271,8 +272,9 @@ def _read_csv(path: Path) -> Reading:
     return Reading(record=record, format="CSV")
 
 
-def _of_portal(path: Path, given: list[tuple[portals.Answer, int]]) -> Reading:
+def _of_portal(path: Path, values: Iterable[tuple[Any, int]]) -> Reading:
     """The record in the answers of a Wi-Fi portal, with their lines; raises InputError if no known portal gave them."""
+    given = [(dict(portals.flat(value)), line) for value, line in values]
     portal, rows = portals.portal_rows(path, [answer for answer, _ in given])
     if len(rows) < 2:
         raise DasError(f"{path}: {len(rows)} answer of a Wi-Fi portal, expected at least 2")
