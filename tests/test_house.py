@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_310, 140),
-    "precompute": Budget(10_640, 47),
-    "sim": Budget(36_293, 149),
-    "docs/studies": Budget(6_200, 37),
+    "das": Budget(27_300, 140),
+    "precompute": Budget(10_630, 47),
+    "sim": Budget(36_300, 149),
+    "docs/studies": Budget(6_195, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

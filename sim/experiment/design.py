@@ -613,6 +613,7 @@ def check_frozen(design: Design, folder: Path, own: Mapping[str, Any]) -> None:
     if text != design_sha256(kept.data):
         raise DasError(f"{folder / DESIGN_JSON}: hash = {text[:12]}…: the file was altered after it was frozen")
     if text != own["hash"]:
-        keys = [key for key in {**own, **kept.data} if own.get(key) != kept.data.get(key) and key != "hash"]
+        now = json.loads(json.dumps(own))  # with lists for tuples, as in the file
+        keys = [key for key in {**now, **kept.data} if now.get(key) != kept.data.get(key) and key != "hash"]
         how = "expected the same design and files, or another folder"
         raise DasError(f"{design.source}: {', '.join(keys)}: {folder} holds the frozen design of other values: {how}")

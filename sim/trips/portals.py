@@ -64,9 +64,12 @@ PORTALS: Final = (
     ),
     Portal(
         name="ÖBB (railnet.oebb.at)", zone="Europe/Vienna",
-        marks=("gpsPosition.latitude", "Latitude Longitude speed", "gps.latitude gps.longitude speed"),
-        latitude="gpsPosition.latitude latitude", longitude="gpsPosition.longitude longitude",
-        speed="latestStatus.speed speed", time="latestStatus.dateTime",
+        marks=("gpsPosition.latitude", "mapInfo.latitude", "Latitude Longitude speed",
+               "gps.latitude gps.longitude speed"),
+        latitude="gpsPosition.latitude mapInfo.latitude latitude",
+        longitude="gpsPosition.longitude mapInfo.longitude longitude",
+        speed="latestStatus.speed operationalMessagesInfo.speed speed",
+        time="latestStatus.dateTime operationalMessagesInfo.time",
     ),
 )  # fmt: skip
 RECORDED: Final = (

@@ -67,6 +67,15 @@ def austria(fix: Fix) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def austria_older(fix: Fix) -> dict[str, Any]:
+    """The older answer of railnet.oebb.at, in which numbers are texts."""
+    return {
+        "operationalMessagesInfo": {"time": str(round(fix.time_ns * NS)), "speed": str(_kmh(fix)), "delay": "0"},
+        "mapInfo": {"latitude": str(fix.latitude_deg), "longitude": str(fix.longitude_deg), "orientation": "90"},
+        "currentJourney": {"trainType": "RJ"},
+    }
+
+
 def austria_apart(fix: Fix) -> dict[str, Any]:
     """A line of a recorder of railnet.oebb.at/api/gps and /api/speed, with its own time."""
     place = {"Latitude": fix.latitude_deg, "Longitude": fix.longitude_deg}
@@ -102,9 +111,10 @@ def france(fix: Fix) -> dict[str, Any]:
 
 
 FORMS: dict[str, Callable[[Fix], dict[str, Any]]] = {
-    one.__name__: one for one in (germany, germany_logged, austria, austria_apart, czechia, sweden, france)
+    one.__name__: one
+    for one in (germany, germany_logged, austria, austria_older, austria_apart, czechia, sweden, france)
 }
-WHOLE_SECONDS = ("austria", "sweden", "france")
+WHOLE_SECONDS = ("austria", "austria_older", "sweden", "france")
 """Forms whose times are in whole seconds."""
 
 
