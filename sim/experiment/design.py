@@ -615,5 +615,5 @@ def check_frozen(design: Design, folder: Path, own: Mapping[str, Any]) -> None:
     if text != own["hash"]:
         now = json.loads(json.dumps(own))  # with lists for tuples, as in the file
         keys = [key for key in {**now, **kept.data} if now.get(key) != kept.data.get(key) and key != "hash"]
-        how = "expected the same design and files, or another folder"
+        how = "expected the same design, or another folder"
         raise DasError(f"{design.source}: {', '.join(keys)}: {folder} holds the frozen design of other values: {how}")

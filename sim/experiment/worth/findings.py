@@ -242,13 +242,18 @@ class WorthFindings:
     steps: Sequence[WorthStep]
 
     @property
+    def is_kept(self) -> bool:
+        """Whether the all-out driver keeps the timetable."""
+        return self.steps[0].before["late_s"] <= TOLERANCE_S
+
+    @property
     def remarks(self) -> Iterator[str]:
         """Sentences that qualify the steps: a timetable that cannot be kept, what needs no advice, no saving shown."""
         drivers = self.worth.study.people.count
-        if (late_s := self.steps[0].before["late_s"]) > TOLERANCE_S:
+        if not self.is_kept:
             yield (
-                f"The timetable cannot be kept: even the all-out driver arrives {late_s:.0f} s late on average, so "
-                "that energy can be saved only by arriving still later."
+                f"The timetable cannot be kept: even the all-out driver arrives {self.steps[0].before['late_s']:.0f} s "
+                "late on average, so that energy can be saved only by arriving still later."
             )
         *_, today, in_time = (step.before_kwh for step in self.steps)
         if today > in_time:
@@ -303,7 +308,9 @@ class WorthFindings:
             cells = [short(factor * one.year[unit]) for unit, factor in SHOWN_UNITS.items()]
             for i, (unit, factor) in enumerate(SHOWN_UNITS.items() if one.ranges else ()):
                 cells[i] += f" ({' to '.join(short(factor * end) for end in one.ranges[unit])})"
-            found.append([name.split()[0], *(cells if one.shows_saving else ["no saving shown", "", ""])])
+            if not (self.is_kept and one.shows_saving):
+                cells = ["no saving shown" if self.is_kept else "timetable not kept", "", ""]
+            found.append([name.split()[0], *cells])
         return found
 
     @property

@@ -100,6 +100,7 @@ def test_a_timetable_that_cannot_be_kept_is_named(worth: WorthDesign, tmp_path: 
     found = findings(worth, folder)
     assert next(found.remarks).startswith("The timetable cannot be kept: even the all-out driver arrives 95 s late")
     assert found.steps[1].after["within_minute_ratio"] == 0.0
+    assert all(row[1:] == ["timetable not kept", "", ""] for row in found.year_rows)
 
 
 def test_the_range_of_a_year_combines_the_drivers_with_each_input(worth: WorthDesign, tmp_path: Path) -> None:
