@@ -296,7 +296,8 @@ class WorthFindings:
             factors = {"late_s": 1, "on_time_ratio": 100, "within_minute_ratio": 100}
             pairs = ((factor * one.before[key], factor * one.after[key]) for key, factor in factors.items())
             used = f"{_kwh(one.before_kwh)} → {_kwh(one.before_kwh - one.saved_kwh)}"
-            cells = [used, f"{one.saved_kwh:.1f} ± {one.interval_kwh:.1f}", f"{100 * one.saved_ratio:.1f}"]
+            form = ".1f" if abs(one.saved_kwh) < 100.0 else ".0f"
+            cells = [used, f"{one.saved_kwh:{form}} ± {one.interval_kwh:{form}}", f"{100 * one.saved_ratio:.1f}"]
             found.append([name, *cells, *(f"{before:.0f} → {after:.0f}" for before, after in pairs)])
         return found
 
