@@ -39,6 +39,8 @@ MOST_NOTCHES = 20
 """Largest number of steps of the desk's lever in each direction."""
 LEAST_DRIVERS = 40
 """Fewest simulated drivers from whom a fit takes how a statistic depends on the parameters."""
+DRAWN_DRIVERS = (3, 10_000)
+"""Fewest drivers of a worth study, whose mean has an interval, and most."""
 LATE_KERNELS = "sim.world.late_kernels"
 """Module run in parallel with a command that compiles: it compiles the kernels needed last in a simulated run."""
 PostsOption = Annotated[

@@ -14,6 +14,9 @@ from das.command_line.printing import busy, loading_solver
 from precompute.workers import Workers
 from sim.cli.experiment import RecordingsOption, SchedulerOption
 from sim.cli.options import WorkersOption, check_packages, tell_written
+from sim.options import DRAWN_DRIVERS
+
+FEWEST, MOST = DRAWN_DRIVERS
 
 
 def worth(
@@ -22,7 +25,7 @@ def worth(
     ],
     drivers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=3, max=10_000, help="Number of drivers drawn [default: the design's]."),
+        typer.Option(metavar="N", min=FEWEST, max=MOST, help="Number of drivers drawn [default: the design's]."),
     ] = None,
     out: OutFolderOption = None,
     workers: WorkersOption = None,

@@ -34,11 +34,10 @@ from sim.experiment.design import (
 from sim.experiment.factors import FACTORS, OF_HUMAN, FactorLevel, day_of
 from sim.experiment.study_files import TRIALS_TABLE
 from sim.experiment.trials import StudyRun, jobs_of, run_study
+from sim.options import DRAWN_DRIVERS
 from sim.world.scenario import Scenario
 
 SCHEMA_VERSION: Final = 1
-DRIVERS: Final = (3, 10_000)
-"""Fewest drivers, whose mean has an interval, and most."""
 
 
 class KnownInput(NamedTuple):
@@ -65,7 +64,7 @@ INPUTS: Final = {
     FOLLOWERS: KnownInput("share of trains whose driver follows", "", 1e-3, 1.0),
     RECEPTIVITY: KnownInput("receptivity of the network", "", 0.0, 1.0, driven=True),
     BUFFER: KnownInput("buffer of the timetable", "%", 0.0, 1000.0, driven=True),
-    HASTE: KnownInput("haste today (1: all-out)", "", 0.0, 1.0, driven=True),
+    HASTE: KnownInput("haste today (1: as fast as people can)", "", 0.0, 1.0, driven=True),
     ELECTRIC: KnownInput("electric share of braking today", "", 0.0, 1.0, driven=True),
 }
 """Every input by its key."""
@@ -114,7 +113,7 @@ def load_worth(name_or_path: str, drivers: int | None = None) -> WorthDesign:
     population = str((fields.source.parent / population).resolve()) if population.endswith(".toml") else population
     load_population(population)
     scenario = FACTORS["scenario"].read(main, "scenario", main.data.get("scenario", MISSING))
-    inputs, count = _inputs(fields.table("inputs"), day_of(scenario.value)), main.whole("drivers", DRIVERS, 8)
+    inputs, count = _inputs(fields.table("inputs"), day_of(scenario.value)), main.whole("drivers", DRAWN_DRIVERS, 8)
     factor = Factor(name=CASE, levels=tuple(_cases(inputs)), within=True)
     # Drivers who follow advice on effort brake with the motors first.
     fixed = {"scenario": scenario, "friction": _level("friction", FrictionPolicy.BY_ADVICE.value)}

@@ -41,16 +41,10 @@ def place_m(which: Which, share: float) -> float:
 
 @pytest.mark.parametrize(("which", "buffer_ratio"), crossed(BUNDLED, [0.08, 0.15, 0.3]))
 def test_a_reference_is_in_time_and_near_the_optimum(which: Which, buffer_ratio: float) -> None:
-    """Compared with the optimum for the same braking and time. Measured: 0.2 to 0.7 % more, 3.5 % on 6 km.
-
-    A second of lateness must save three times its price. Measured: late by up to 1.6 s.
-    """
+    """Compared with the optimum for the same braking and time. Measured: 0.2 to 0.7 % more, 3.5 % on 6 km."""
     wanted = wanted_from_start(which, buffer_ratio)
     found = plan(which, wanted)
-    late_s = found.forecast.time_s - wanted.left_s
-    assert late_s <= 2.0
-    cost_j = found.forecast.energy_j + 3.0 * found.lambda_w * max(late_s, 0.0)
-    assert cost_j <= 1.04 * least_j(front_of(which), wanted.left_s)
+    assert found.forecast.time_s <= wanted.left_s + 1.0
     bound_j = least_j(front_of(which), found.forecast.time_s)
     most = 0.04 if (which, buffer_ratio) == (BUNDLED[0], 0.08) else 0.015
     assert -5e-4 <= found.forecast.energy_j / bound_j - 1.0 <= most
