@@ -6,7 +6,7 @@ import math
 
 from das.advice.regimes import TRACTION, Regime
 from sim.drivers.cab import AT_STOP_M, AdviceView, Asked, CabView, Driver, asked
-from sim.drivers.human import HumanDriver
+from sim.drivers.human import HumanDriver, Motion
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.drivers.knowledge import Foresight, Habit, LineKnowledge, Outlook
 from sim.drivers.own_class import OwnDriver
@@ -20,6 +20,7 @@ from sim.drivers.tracking import (
     LATE_BRAKING_MPS2,
     MINDED_MPS,
     READ_MPS,
+    RELEASE_S,
     ROLL_MPS,
     RollOff,
     TimeRule,
@@ -148,17 +149,20 @@ class PerfectDriver:
 class LiteralDriver:
     """Follows the guide's card, with no other knowledge, to show how a train runs by the card alone.
 
-    The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, and
-    brakes by eye only if the card shows no effort. Without the guide it drives as `TimetableDriver`.
+    The driver reads the card, the speedometer and the distance to the stop, ignores limits, signs and signals, releases
+    traction in time to reach a speed without exceeding it, and brakes by eye only if the card shows no effort. Without
+    the guide it drives as `TimetableDriver`.
     """
 
     def __init__(self, line: LineKnowledge) -> None:
         self._alone = TimetableDriver(line)
         self._due: AdviceView | None = None
         self._reached = False
+        self._motion = Motion()
 
     def command(self, cab: CabView) -> Command:
         view = cab.shown
+        self._motion.feel(cab)
         if view is None or not presenter_of(view.presentation).needs_guide:
             self._due = None
             return self._alone.command(cab)
@@ -169,14 +173,14 @@ class LiteralDriver:
 
     def _read(self, cab: CabView, view: AdviceView) -> AdviceView:
         """The card that applies: the card shown once it is due, until then the previous card."""
-        due, v = self._due, cab.speed_mps
+        due, soon_mps = self._due, cab.speed_mps + max(self._motion.rate_mps2, 0.0) * RELEASE_S
         if due is None or cab.time_s - view.time_s >= view.due_s:
             same = due is not None and (due.mode, due.speed_mps) == (view.mode, view.speed_mps)
             self._due, self._reached = view, self._reached and same
             due = view
         gains = due.mode in TRACTION
-        away_mps = due.speed_mps - v if gains else v - due.speed_mps
-        self._reached = self._reached or away_mps <= (READ_MPS if gains else 0.0)
+        away_mps = due.speed_mps - READ_MPS - soon_mps if gains else cab.speed_mps - due.speed_mps
+        self._reached = self._reached or away_mps <= 0.0
         return due
 
     def _obeyed(self, cab: CabView, card: AdviceView) -> Command:

@@ -211,3 +211,17 @@ def test_the_literal_driver_waits_until_an_instruction_is_due() -> None:
     coming = replace(card(COAST, 15.0, 0.0), due_s=2.0, valid_until_s=9.0)
     assert driver.command(cab(coming)._replace(time_s=1.0)) == held
     assert force_n(driver.command(cab(coming)._replace(time_s=2.0)), 25.0) == 0.0
+
+
+@pytest.mark.parametrize("rate_mps2", [0.5, 1.2])
+def test_the_literal_driver_releases_traction_in_time_for_the_speed_of_the_card(rate_mps2: float) -> None:
+    """Traction takes 0.8 s to decay, so a train that gains 1.2 m/s² gains half a metre per second more."""
+    driver, to_mps, speeds_mps = LiteralDriver(LINE), 60 * KMH, []
+    seen = replace(card(ACCELERATE, to_mps, 1.0), valid_until_s=9.0)
+    for look in range(30):
+        speed_mps = to_mps - 2.0 + 0.2 * look * rate_mps2
+        command = driver.command(cab(seen)._replace(time_s=0.2 * look, speed_mps=speed_mps))
+        if (command.law, command.value) != (LEVER, 1.0):
+            break
+        speeds_mps.append(speed_mps)
+    assert to_mps - speeds_mps[-1] == pytest.approx(0.3 + 0.5 * rate_mps2, abs=0.11 * rate_mps2)
