@@ -146,7 +146,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
             target_mps = min(one.speed_mps, limit_mps)
             return braked(scene, memory, needed._replace(effort=effort, target_mps=target_mps), mode=Lead.GUARD)
         wanted = wanted._replace(exact=max(wanted.exact, effort))
-    if wanted.brakes or (one.mode is not Regime.COAST and excess <= OVERSPEED_MPS):
+    if falls or wanted.brakes or (one.mode is not Regime.COAST and excess <= OVERSPEED_MPS):
         return wanted
     if one.speed_mps <= limit_mps and excess + rises_mps <= SAME_READING_MPS:
         return wanted  # The excess of the coasting train over the limit is too small to read.

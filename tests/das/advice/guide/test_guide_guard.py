@@ -74,6 +74,16 @@ def test_a_slow_train_is_not_told_to_accelerate_above_a_near_board() -> None:
     assert guarded(seen(1500.0, 50), QUIET, Proposal(traction(0.8, 100 * KMH))).one.speed_mps == 100 * KMH
 
 
+def test_a_train_that_coasts_along_the_curve_is_not_told_to_hold_its_speed() -> None:
+    """Where the motors may not brake, the curve is that of a coasting train: its speed is over as soon as it is read."""
+    wanted = Proposal(coast(60 * KMH))
+    for over_mps in (0.05, 0.2, 0.29):
+        place = SpeedsAllowed(100 * KMH - over_mps, 120 * KMH)
+        assert guarded(seen(1000.0, 100, place), QUIET, wanted) is wanted
+    beyond = SpeedsAllowed(100 * KMH - 0.4, 120 * KMH)
+    assert guarded(seen(1000.0, 100, beyond), QUIET, wanted).brakes
+
+
 @pytest.mark.parametrize(
     ("over_mps", "mode"), [(0.2, Regime.CRUISE), (0.7, Regime.CRUISE), (1.2, Regime.REDUCED_BRAKE)]
 )
