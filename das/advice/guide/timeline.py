@@ -117,7 +117,8 @@ def aim_mps(schedule: Schedule, number: int) -> float:
     if one.kind in (PhaseKind.TRACTION, PhaseKind.HOLD):
         return told_mps(one.target_mps, section, float(section.envelope_mps[one.begin : end + 1].max()))
     if schedule.brakes_by_effort(number):
-        return told_mps(one.target_mps, section, float(section.envelope_mps[end]))
+        ends_mps = max(one.target_mps, float(schedule.known.speed_mps[end]))  # A new reference may end it sooner.
+        return told_mps(ends_mps, section, float(section.envelope_mps[end]))
     limits = section.limit_mps[one.begin : end] if one.kind is PhaseKind.COAST else section.limit_mps[end : end + 1]
     highest = float(section.envelope_mps[end])
     limit_mps = float(limits.min()) if limits.size else highest  # A brake to the stop has no limit at its end.

@@ -112,6 +112,16 @@ def test_a_brake_that_no_limit_asks_for_has_its_effort() -> None:
     assert [one.effort for one in timeline(schedule)] == [0.0, 0.4, 0.0]
 
 
+def test_a_brake_that_a_new_reference_ends_sooner_names_the_speed_that_it_has_then() -> None:
+    """The old one braked to 30 km/h; with that speed the driver would be told to brake fully, to reach it in time."""
+    schedule = reference(
+        ("H", 0.0, 0.0, 100), ("B", 0.4, 2500.0, 30), ("C", 0.0, 2700.0, 60), ("B", 0.0, 5200.0, 0), at_kmh=100
+    )
+    ends_kmh = schedule.speed_at(2700.0) / KMH
+    assert ends_kmh > 60.0
+    assert told(timeline(schedule))[1] == (BRAKE, 5 * round(ends_kmh / 5))
+
+
 def test_coasting_names_no_speed_above_the_lowest_limit_on_its_way() -> None:
     line = flat((3500.0, 3800.0, 75))
     schedule = reference(("H", 0.0, 0.0, 80), ("C", 0.0, 1000.0, 85), ("B", 0.0, 4700.0, 0), section=line, at_kmh=70)
