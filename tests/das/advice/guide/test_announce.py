@@ -48,6 +48,14 @@ def test_what_repeats_the_instruction_before_it_is_left_out() -> None:
     assert [KIND_OF[one.mode] for one in told(seen(2000.0, 100.0), coast(90 * KMH))] == [InstructionKind.BRAKE]
 
 
+def test_the_brake_after_a_brake_is_due_when_one_who_brakes_as_shown_is_there() -> None:
+    """The reference coasts to the brake; one who brakes to 98 km/h and then holds that is there sooner."""
+    here = seen(1500.0, 100.0, reference(("C", 0.0, 0.0, 60), ("B", 0.0, 4700.0, 0), at_kmh=100))
+    (stops,) = told(here, brake(1.0, 98 * KMH))
+    assert stops.in_s == pytest.approx(stops.way_m / (98 * KMH), abs=0.5)
+    assert stops.in_s < here.foreseen.passes_s(here.state.s_m + stops.way_m) - 3.0
+
+
 def test_a_hold_of_the_speed_led_to_is_not_announced() -> None:
     schedule = reference(("T", 0.8, 0.0, 80), ("H", 0.0, 2000.0, 80), ("B", 0.0, 4700.0, 0))
     assert [KIND_OF[one.mode] for one in told(seen(1000.0, 70.0, schedule), traction(0.8, 80 * KMH))] == KINDS[1:]
