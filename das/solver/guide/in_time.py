@@ -59,9 +59,13 @@ class _Search:
         """Whether one of the runs is near enough."""
         return any(abs(late_s) < self._near_s for late_s, _, _ in self._found)
 
-    def best(self, price_w: float) -> tuple[GuideRun, Plan]:
-        """The run with the least energy plus cost of its lateness, and its plan."""
-        return min(self._found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))[1:]
+    def best(self, price_w: float) -> tuple[float, GuideRun, Plan]:
+        """The run with the least energy plus cost of its lateness: the lateness (s; early < 0), the run, its plan."""
+        return min(self._found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))
+
+    def has_best_near(self, price_w: float) -> bool:
+        """Whether the run with the least energy plus cost of its lateness is near enough."""
+        return self.is_near and abs(self.best(price_w)[0]) < self._near_s
 
     def nearest(self, *, not_early: bool) -> tuple[float, GuideRun]:
         """The run nearest to the wanted time, and its deviation (s), which counts more on the unwanted side."""
@@ -81,7 +85,7 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
     quickest run. Raises InfeasibleError if the train stalls.
     """
     search = _Search(front, state, time_s, told, front.section.end_m)
-    return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))
+    return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))[1:]
 
 
 def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
@@ -98,7 +102,7 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int, prices: ra
 
     The second price begins at a decision node between `first` and `last`.
     """
-    prices = front.ladders[0] if prices is None else prices
+    at_end, prices = prices is None, front.ladders[0] if prices is None else prices
     slow, quick = _enclosing(search, prices, first)
     price_w = float(front.lambda_w[min(quick, prices[-1])])
     fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow in prices else []
@@ -106,7 +110,7 @@ def _tried(search: _Search, front: GuideFront, first: int, last: int, prices: ra
     fills += [(quick, PolicyFrom(0, number, anew=True)) for number in slower]
     for number, then in fills if quick in prices else []:
         begin, end = first, last
-        while end - begin > 1 and not search.is_near:
+        while end - begin > 1 and not (search.has_best_near(price_w) if at_end else search.is_near):
             middle = (begin + end) // 2
             late = search.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
             begin, end = (middle, end) if late == (number == quick) else (begin, middle)
