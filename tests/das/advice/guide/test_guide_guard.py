@@ -75,7 +75,7 @@ def test_a_slow_train_is_not_told_to_accelerate_above_a_near_board() -> None:
 
 
 def test_a_train_that_coasts_along_the_curve_is_not_told_to_hold_its_speed() -> None:
-    """Where the motors may not brake, the curve is that of a coasting train: its speed is over as soon as it is read."""
+    """Where motors may not brake, the curve is that of a coasting train: its speed is over as soon as it is read."""
     wanted = Proposal(coast(60 * KMH))
     for over_mps in (0.05, 0.2, 0.29):
         place = SpeedsAllowed(100 * KMH - over_mps, 120 * KMH)
