@@ -119,6 +119,12 @@ def test_never_above_limit_or_brake_curve(front: Front, place: float, speed: flo
     assert advice.valid_until_ns > advice.time_ns
 
 
+def test_the_next_change_is_as_far_away_as_the_train_gets_until_then(front: Front) -> None:
+    """On the whole section it is never faster than 44.4 m/s, and from 25 m/s on never slower than 15."""
+    _, advice = advisor_at(front, 5_000.0, 25.0, now_s=200.0, arrival_s=1_250.0)
+    assert 0.0 < 15.0 * advice.next_change_s < advice.next_change_m < 44.5 * advice.next_change_s
+
+
 def test_above_the_brake_curve_it_says_brake(front: Front) -> None:
     section = front.section
     drop = int(np.flatnonzero(np.diff(section.limit_mps) < -5)[0])

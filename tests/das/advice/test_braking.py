@@ -148,6 +148,13 @@ def test_a_train_meets_the_curve_where_its_speed_is_that_of_the_curve() -> None:
     assert float(np.interp(met_m.pop(), nodes_m, section.envelope_mps)) == pytest.approx(v_mps, abs=0.03)
 
 
+def test_a_train_above_its_limit_meets_no_curve_before_the_limit_falls() -> None:
+    """It is taken to come back under its limit on the way."""
+    ahead, count = BrakingAhead(line()), int((line().node_m > 1000.0).sum())
+    above_m, at_limit_m = (ahead.curve_begins_m(1000.0, np.full(count, v_mps)) for v_mps in (37.0, 35.0))
+    assert above_m == pytest.approx(at_limit_m, abs=1.0)
+
+
 def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
     ahead, v_mps = BrakingAhead(line(gradient=-0.01)), 27.0
     needed = ahead.back_under(4300.0, v_mps, 25.0)

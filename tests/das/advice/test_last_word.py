@@ -292,10 +292,12 @@ def test_the_train_may_be_two_deviations_ahead_but_sees_the_mark() -> None:
 
 
 def test_the_limit_shown_may_be_that_of_any_place_where_the_train_may_be() -> None:
-    """A higher limit begins 7 m ahead of the estimated position."""
-    early = advice_of(6_993.0, LOW, Regime.CRUISE, 0.0, limit_mps=HIGH)
-    for sd_m, parts in ((4.0, []), (1.0, [Part.LIMIT])):
-        assert [act.part for act in judged(early, at(early.s_m, LOW, sd_m=sd_m))[1]] == parts
+    """A higher limit begins 7 m ahead of the estimated position, or has ended some metres behind it."""
+    for s_m, sd_m, parts in (
+        (6_993.0, 4.0, []), (6_993.0, 1.0, [Part.LIMIT]), (6_002.5, 1.0, []), (6_005.0, 1.0, [Part.LIMIT]),
+    ):  # fmt: skip
+        shown = advice_of(s_m, LOW, Regime.CRUISE, 0.0, limit_mps=HIGH)
+        assert [act.part for act in judged(shown, at(s_m, LOW, sd_m=sd_m))[1]] == parts
 
 
 def test_a_brake_announced_too_late_is_left_out_with_what_comes_after_it() -> None:
@@ -354,7 +356,8 @@ def test_a_driver_who_brakes_by_eye_to_the_mark_is_told_of_the_limit_before_it()
     assert act.part is Part.GUIDE
     assert said.guide is not None
     assert (said.guide.now.speed_mps, said.guide.target_m) == (pytest.approx(28 * KMH), pytest.approx(60.0, abs=0.01))
-    assert -1.0 <= said.guide.lever_ratio < 0.0
+    assert said.guide.now.effort_ratio == pytest.approx(said.guide.force_n / FULL_N)
+    assert said.guide.lever_ratio == pytest.approx(said.guide.force_n / (2 * FULL_N))
     assert judged(said, basis=STATION)[1] == ()
     behind = replace(wrong, guide=replace(guide, force_n=-40e3, reference_force_n=-40e3))
     assert judged(behind, at(s_m, 6.0), basis=STATION)[1] == (), "a slower train has nothing but the mark before it"

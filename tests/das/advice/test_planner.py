@@ -65,6 +65,23 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
 
 
+def test_a_train_near_its_limit_is_shown_no_more_traction_than_a_driver_can_cut_off_in_time() -> None:
+    """The next advice comes in 1 s, and a driver follows it within 2 s: until then 0.5 m/s may be gained."""
+    state, section = TrainState(0, 1000.0, 29.5), PLANNER.section
+    mode, force_n = braked_enough(Regime.FULL_TRACTION, 50e3, state, PLANNER, 29.5, too_fast=False)
+    gained_mps2 = (force_n - section.resistance_n(1000.0, 29.5)) / section.train.inertial_mass_kg
+    assert (mode, 3.0 * gained_mps2) == (Regime.FULL_TRACTION, pytest.approx(0.5))
+
+
+def test_a_train_that_rolls_above_its_limit_on_a_descent_is_braked_back_to_it() -> None:
+    """It is 1 km/h above the limit, which is not yet too fast, and coasting would add to that."""
+    descent = build_section(make_route(END_M, [(0.0, 30.0)], [(0.0, -0.02)]), TRAIN, options=OPTIONS)
+    planner = Planner(PlanBasis(section=descent))
+    for v_mps, brakes in ((30.3, True), (29.9, False)):
+        found = braked_enough(Regime.COAST, 0.0, TrainState(0, 3000.0, v_mps), planner, v_mps, too_fast=False)
+        assert (found[0] is Regime.REDUCED_BRAKE, found[1] < 0.0) == (brakes, brakes)
+
+
 def test_a_late_driver_who_brakes_as_planned_has_not_braked_early() -> None:
     """A plan that is too old is followed by one that arrives as soon as the train can, not 5 s later."""
     planner, late = Planner(PlanBasis(section=PLANNER.section, front=solve_front(PLANNER.section))), Goal(due_ns=1)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from das.advice.advice import Instruction
-from das.advice.guide.guard import Sight
+from das.advice.guide.guard import Proposal, Sight
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.showing import following, said
+from das.advice.guide.showing import _rest, following, said
 from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
@@ -124,11 +124,23 @@ def test_after_a_brake_the_next_change_is_due_when_it_has_reached_its_speed() ->
     found = told(seen(1050.0, 98.0, schedule), now, step=1)
     assert found[0].mode is Regime.COAST
     assert found[0].in_s > 8.0, "from 98 to 70 km/h takes longer than 50 m"
+    assert found[0].way_m == pytest.approx(found[0].in_s * 84 * KMH), "at the mean of both speeds"
 
 
 def test_after_a_brake_no_brake_to_a_speed_as_high_is_announced() -> None:
     found = told(seen(2550.0, 98.0, LOWER), brake(0.9, 40 * KMH))
     assert not any(one.mode in BRAKES and one.speed_mps > 40 * KMH for one in found)
+
+
+@pytest.mark.parametrize(("s_m", "lasts"), [(2000.0, True), (2300.0, False)])
+def test_coasting_that_a_brake_interrupts_is_announced_again_only_if_it_lasts_8_s(s_m: float, *, lasts: bool) -> None:
+    """The brake takes 8 s from 70 to 60 km/h; the step after coasting begins at 2500 m, 26 or 10 s from here."""
+    schedule = reference(
+        ("H", 0.0, 0.0, 70), ("C", 0.0, 1000.0, 50), ("B", 0.5, 2500.0, 30), ("B", 0.0, 5500.0, 0), at_kmh=70
+    )  # fmt: skip
+    brakes = Proposal(brake(0.5, 60 * KMH), guarded=True)
+    again = _rest(seen(s_m, 70.0, schedule), Memory(step=1), Proposal(coast(50 * KMH)), brakes)
+    assert (again is not None) is lasts
 
 
 def test_no_speed_is_announced_above_the_limit_of_its_place() -> None:

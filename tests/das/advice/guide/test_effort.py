@@ -57,6 +57,11 @@ def test_the_first_effort_for_a_lower_limit_is_enough_for_a_driver_who_acts_late
     late = AHEAD.effort_to(state.s_m + 4.0 * state.v_mps, state.v_mps, BOARD_M, TO_MPS)
     assert shows(needed, state) == pytest.approx(stepped(late))
     assert shows(needed, state) > stepped(needed.effort)
+    begin_m = BOARD_M - 700.0
+    announced = board(AHEAD.effort_to(begin_m, state.v_mps, BOARD_M, TO_MPS))
+    late = AHEAD.effort_to(begin_m + 2.0 * state.v_mps, state.v_mps, BOARD_M, TO_MPS)
+    assert shows(announced, at(900.0, 100), begin_m=begin_m) == pytest.approx(stepped(late))
+    assert stepped(late) > stepped(announced.effort), "an announced brake is begun up to 2 s late"
     stop = NeededBrake(0.5, 0.0, BOARD_M)
     assert shows(stop, state) == pytest.approx(0.5), "a stop has no board to pass too fast"
 

@@ -106,6 +106,12 @@ def test_coasting_says_where_it_ends() -> None:
     assert 3100.0 < found.at_m <= 4700.0 + 60.0
 
 
+def test_a_reference_that_coasts_to_its_end_is_followed_there() -> None:
+    """No step comes after it, as where a train runs up a hill to its stop."""
+    schedule = reference(("H", 0.0, 0.0, 100), ("C", 0.0, 3000.0, 60), at_kmh=100)
+    assert asked(4000.0, 90.0, schedule=schedule)[0].one.mode is Regime.COAST
+
+
 def test_coasting_that_would_only_slow_a_slow_train_is_a_hold() -> None:
     schedule = reference(
         ("H", 0.0, 0.0, 95), ("C", 0.0, 2000.0, 90), ("H", 0.0, 3000.0, 90), ("B", 0.0, 4700.0, 0), at_kmh=95

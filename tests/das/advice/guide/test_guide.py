@@ -117,6 +117,14 @@ def test_a_standing_train_that_has_to_go_on_is_told_how_to_depart_when_it_is_cle
     assert told.following == gone.following
 
 
+def test_a_standing_train_without_a_reference_or_whose_reference_brakes_is_not_told_to_depart() -> None:
+    schedule = reference(("H", 0.0, 0.0, 60), ("B", 0.0, 5500.0, 0), at_kmh=60)
+    guide, state = Guide(schedule.section, None), TrainState(ns(0), schedule.section.end_m - 5.0, 0.0)
+    goal = Goal(due_ns=ns(60))
+    assert guide.departs(None, state, goal, FREE) is None
+    assert guide.departs(kept(schedule, state), state, goal, FREE) is None
+
+
 def test_a_state_that_cannot_go_on_has_no_guidance() -> None:
     """Outside the section there is no reference."""
     state = TrainState(ns(10), section_of(LINE).end_m + 100.0, 10.0)

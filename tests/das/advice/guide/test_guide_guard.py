@@ -10,7 +10,9 @@ from das.advice.guide.guard import Proposal, Sight, begins_s, foreseen_brake, gu
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.regimes import BRAKES, Regime
 from das.domain.units import KMH
+from das.solver.section import build_section
 from tests.support.guide import FREE, flat, reference, scene
+from tests.support.making import make_route
 
 LINE = flat((3000.0, 5000.0, 60))
 SCHEDULE = reference(
@@ -102,8 +104,18 @@ def test_a_train_above_the_curve_of_all_brakes_is_told_to_brake_fully() -> None:
 
 def test_a_driver_hardly_above_his_limit_who_coasts_is_left_alone() -> None:
     place = SpeedsAllowed(70 * KMH, 70 * KMH)
-    wanted = Proposal(coast(60 * KMH))
-    assert guarded(seen(1000.0, 70.3, place), QUIET, wanted).one == wanted.one
+    for to_kmh, kmh in ((60, 70.3), (70, 65.0)):
+        wanted = Proposal(coast(to_kmh * KMH))
+        assert guarded(seen(1000.0, kmh, place), QUIET, wanted).one == wanted.one
+
+
+def test_a_driver_who_coasts_down_a_descent_is_told_to_hold_the_limit_before_the_train_is_far_above_it() -> None:
+    """On 20 per mille it gains half a metre per second in 3 s."""
+    descent = build_section(make_route(6_000.0, [(0.0, 44.0)], [(0.0, -0.02)]), LINE.vehicle)
+    schedule = reference(("H", 0.0, 0.0, 70), ("B", 0.0, 4700.0, 0), section=descent, at_kmh=70)
+    place = SpeedsAllowed(70 * KMH, 70 * KMH)
+    found = guarded(scene(schedule, 1000.0, 70.3, place), QUIET, Proposal(coast(60 * KMH)))
+    assert (found.one, found.guarded) == (hold(70 * KMH), True)
 
 
 def test_the_foreseen_brake_is_where_a_driver_who_goes_on_as_told_meets_the_curve() -> None:

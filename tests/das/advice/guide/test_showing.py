@@ -187,8 +187,7 @@ def test_the_force_of_an_instruction_is_one_that_the_train_has_and_does_not_over
     assert 0.0 < near.force_n < 0.8 * traction_limit(TOP_MPS, train)
     assert Led().at(0.0, 3500.0, 26.0).force_n == 0.0
     brakes = Led().at(0.0, 5000.0, 22.0)
-    assert brakes.force_n < 0.0
-    assert brakes.reference_force_n >= brakes.force_n, "the effort shown is rounded up"
+    assert brakes.force_n < brakes.reference_force_n < 0.0, "the effort shown is rounded up"
 
 
 def test_the_goal_of_an_instruction_is_where_it_has_led_to_its_speed() -> None:

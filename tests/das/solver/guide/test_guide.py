@@ -24,7 +24,7 @@ from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
 from das.solver.guide import policies
 from das.solver.guide.from_run import said_of, scheduled_run
-from das.solver.guide.in_time import in_time, lateness_s, through
+from das.solver.guide.in_time import _Search, in_time, lateness_s, through
 from das.solver.guide.policies import GuideFront, GuideRun, PolicyFrom, PolicySettings
 from das.solver.guide.schedule import Phase, PhaseKind
 from das.solver.kernels.guide_policy import (
@@ -261,6 +261,16 @@ def test_a_place_is_passed_at_its_time_and_the_end_is_reached_in_time(later_s: f
     run = through(front, state, time_s, place_m, Window(earliest_s=passes_s), NO_INSTRUCTION)
     assert float(np.interp(place_m, section.node_m, run.elapsed_s)) == pytest.approx(passes_s, abs=2.0)
     assert -6.0 < run.time_s - time_s < 2.0, "a train that coasts to its stop may be early"
+
+
+def test_a_run_inside_a_window_is_taken_before_a_nearer_one_outside_it() -> None:
+    """A train that must not pass a place yet rather passes it 1 s later than 0.5 s too early."""
+    section, front, _ = solved(ROUTE, LOCAL)
+    search = _Search(front, State.at(section), 100.0, NO_INSTRUCTION, 5_000.0)
+    early, late = (front.run(State.at(section), (PolicyFrom(0, number),)) for number in (200, 100))
+    search._found = [(-0.5, early, ()), (1.0, late, ())]
+    assert search.nearest(not_early=True) == (1.0, late)
+    assert search.nearest(not_early=False) == (0.5, early)
 
 
 def test_a_second_late_costs_more_than_a_second_early_is_worth() -> None:
