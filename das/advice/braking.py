@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from das.advice import kernels
 from das.advice.regimes import FULL_RATIO, Regime
-from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
-from das.solver.kernels.tuples import TrainParams
+from das.solver.kernels.forces import traction_limit
 from das.solver.section import Section
 
 Floats = NDArray[np.float64]
@@ -63,6 +62,15 @@ class NeededBrake(NamedTuple):
 NOTHING = NeededBrake(0.0)
 
 
+class _Foot(NamedTuple):
+    """The foot of a braking curve: its place, its speed and the square of it, and the way with brakes up to there."""
+
+    at_m: float
+    speed_mps: float
+    speed_w: float
+    braked_m: float
+
+
 class BrakingAhead:
     """The braking that the limits and the stop ahead need; the section's envelope contains the braking curves."""
 
@@ -74,21 +82,29 @@ class BrakingAhead:
         self._planned_w = envelope**2
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
         feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
-        self._foot_m, self._foot_mps = section.node_m[feet], envelope[feet]
-        _, firsts, which = np.unique(section.supply, return_index=True, return_inverse=True)
-        brakes = np.array([_most_n(section, self._train, i, 1.0) > 0.0 for i in firsts.tolist()])
+        supplies, which = np.unique(section.supply, return_inverse=True)
+        brakes = np.array([kernels.most_braked(1.0, one, self._train) > 0.0 for one in supplies.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
+        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet]
+        self._feet = [_Foot(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
         # While a brake is announced, the same effort is computed every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
         """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
         largest if none is enough."""
+
+    @staticmethod
+    @lru_cache(maxsize=4)
+    def of(section: Section) -> BrakingAhead:
+        """The braking ahead on a section, one for all parts of the advice, which ask for the same efforts."""
+        return BrakingAhead(section)
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will exceed a braking curve ahead within a time (s)."""
         least_mps = self.lowest_mps(s_m, v_mps * within_s)
         if v_mps <= least_mps + ABOVE_MPS:
             return False
-        return bool(self._falls[_interval(self.section, s_m)] or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
+        falls = self._falls[kernels.interval(self.section.node_m, s_m)]
+        return bool(falls or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
 
     def lowest_mps(self, s_m: float, way_m: float = 0.0) -> float:
         """The lowest speed (m/s) of the planned braking curves over a distance (m) from a position."""
@@ -106,37 +122,32 @@ class BrakingAhead:
 
     def nodes_ahead(self, s_m: float) -> int:
         """The number of nodes ahead of a position; the last node counts as ahead of every position."""
-        return len(self.section.node_m) - 1 - _interval(self.section, s_m)
+        return len(self.section.step_m) - int(kernels.interval(self.section.node_m, s_m))
 
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """The place (m) where a train with these speeds at the nodes ahead meets a braking curve (else the last node
         but one); if the train is above the curve here, the speeds are first reduced by that excess."""
-        nodes, first = self.section.node_m, len(self.section.node_m) - len(speeds_mps)
+        nodes, envelope, first = self.section.node_m, self.section.envelope_mps, len(self._planned_w) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
-        told_mps = np.maximum(speeds_mps - above_mps, 0.0)
-        crosses = self.section.envelope_mps[first:] < told_mps - ABOVE_MPS
-        if not crosses.any():
+        reached = int(kernels.meets_curve(above_mps, ABOVE_MPS, speeds_mps, envelope, self._planned_w))
+        if reached < 0:
             return max(float(nodes[-2]), s_m)
-        left_w = self._planned_w[first:] - told_mps**2  # Squares of speeds are linear in the distance.
-        below = np.flatnonzero(left_w[: int(np.argmax(crosses))] >= 0.0)
-        reached = int(below[-1]) + 1 if below.size else 0
-        before_w = float(left_w[reached - 1]) if reached else max(here_mps**2 - float(told_mps[0]) ** 2, 0.0)
-        from_m = float(nodes[first + reached - 1]) if reached else s_m
-        share = before_w / max(before_w - float(left_w[reached]), 1e-9)
-        return from_m + min(share, 1.0) * (float(nodes[first + reached]) - from_m)
+        # Squares of speeds are linear in the distance.
+        told_mps = [max(one - above_mps, 0.0) for one in speeds_mps[max(reached - 1, 0) : reached + 1].tolist()]
+        left_w = float(self._planned_w[first + reached]) - told_mps[-1] * told_mps[-1]
+        from_m, before_w = s_m, max(here_mps**2 - told_mps[0] ** 2, 0.0)
+        if reached:
+            from_m = float(nodes[first + reached - 1])
+            before_w = float(self._planned_w[first + reached - 1]) - told_mps[0] * told_mps[0]
+        share = before_w / max(before_w - left_w, 1e-9)
+        return float(from_m + share * (float(nodes[first + reached]) - from_m))
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
         """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""
-        section, train, here = self.section, self.section.train, _interval(self.section, s_m)
-        speeds = np.full(len(section.node_m) - here - 1, v_mps)
-        step_m = section.step_m[here:].copy()
-        step_m[0] = section.node_m[here + 1] - s_m
-        for _ in range(2):  # First with the running resistance at the present speed, then at the speeds just found.
-            per_w_n = train.c2_n_per_mps2 + section.tunnel_n_per_mps2[here:]
-            running_n = train.c0_n + train.c1_n_per_mps * speeds + per_w_n * speeds**2
-            lost_j = np.cumsum((running_n + section.constant_n[here:] + braked_n) * step_m)
-            speeds = np.sqrt(np.maximum(v_mps**2 - 2.0 * lost_j / train.inertial_mass_kg, 0.0))
+        section = self.section
+        speeds = np.full(self.nodes_ahead(s_m), v_mps, dtype=float)
+        kernels.rolling(s_m, v_mps**2, braked_n, section.node_m, section.for_kernels, section.train, speeds)
         return speeds
 
     def gaining_mps(self, s_m: float, v_mps: float) -> Floats:
@@ -145,34 +156,36 @@ class BrakingAhead:
 
     def rolls_to_brakes_mps(self, s_m: float, v_mps: float) -> float:
         """The speed (m/s) with which a coasting train reaches the next place where it has a brake."""
-        here = _interval(self.section, s_m) + 1
+        here = kernels.interval(self.section.node_m, s_m) + 1
         behind = np.flatnonzero(np.diff(self._braked_m[here:]) > 0.0)
         return float(self.rolling_mps(s_m, v_mps)[behind[0] if behind.size else -1])
 
     def ahead_s(self, s_m: float, v_mps: float, speeds_mps: Floats, to_m: float) -> float:
         """The time (s) until a train with these speeds at the nodes ahead reaches a place (m)."""
-        at_m = np.append(s_m, self.section.node_m[-len(speeds_mps) :])
-        speeds = np.append(v_mps, speeds_mps)
-        steps_s = 2.0 * np.diff(at_m) / np.maximum(speeds[1:] + speeds[:-1], 0.1)
-        return float(np.interp(to_m, at_m, np.append(0.0, np.cumsum(steps_s))))
+        return float(kernels.passed_after(s_m, v_mps, speeds_mps, self.section.node_m, to_m))
 
     def needed(self, s_m: float, v_mps: float) -> NeededBrake:
         """The least braking from here that keeps every limit and the stop ahead; the largest if none is enough."""
-        ahead = (self._foot_m > s_m) & (self._foot_mps < v_mps - SPEED_SLACK_MPS)
-        place_m, speed_mps = self._foot_m[ahead], self._foot_mps[ahead]
-        here_m, *ways_m = np.interp([s_m, *place_m], self.section.node_m, self._braked_m).tolist()
-        rate_mps2 = (v_mps**2 - speed_mps**2) / (2.0 * np.maximum(np.array(ways_m) - here_m, 1.0))
-        largest = float(rate_mps2.max(initial=0.0))
+        here_m, largest = float(np.interp(s_m, self.section.node_m, self._braked_m)), 0.0
+        ahead: list[tuple[_Foot, float]] = []
+        for foot in self._feet:
+            if foot.at_m > s_m and foot.speed_mps < v_mps - SPEED_SLACK_MPS:
+                rate_mps2 = (v_mps**2 - foot.speed_w) / (2.0 * max(foot.braked_m - here_m, 1.0))
+                largest = max(largest, rate_mps2)
+                ahead.append((foot, rate_mps2))
         if largest < LEAST_MPS2:
             return NOTHING
-        rivals = [
-            NeededBrake(self.effort_to(s_m, v_mps, at_m, to_mps), to_mps, at_m)
-            for rate, at_m, to_mps in zip(rate_mps2.tolist(), place_m.tolist(), speed_mps.tolist(), strict=True)
-            if rate >= RIVALS * largest
-        ]
-        most = max(rivals).effort
+        rivals: list[NeededBrake] = []
+        for foot, rate_mps2 in ahead:
+            if rate_mps2 >= RIVALS * largest:
+                effort = self.effort_to(s_m, v_mps, foot.at_m, foot.speed_mps)
+                rivals.append(NeededBrake(effort, foot.speed_mps, foot.at_m))
+        nearest = most = max(rivals)
         # Of places that need nearly the same effort, the nearest is named: the driver reaches it first.
-        return next(one for one in rivals if one.effort >= ALIKE * most)._replace(effort=most)
+        for one in reversed(rivals):
+            if one.effort >= ALIKE * most.effort:
+                nearest = one
+        return nearest._replace(effort=most.effort)
 
     def _effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
@@ -180,7 +193,7 @@ class BrakingAhead:
         to_m, target_mps = (to_m + STOP_SLACK_M, 0.0) if stops else (to_m, target_mps + SPEED_SLACK_MPS)
         if to_m <= s_m:
             return self.largest(s_m, v_mps)
-        first = _interval(section, s_m)
+        first = int(kernels.interval(section.node_m, s_m))
         final = min(max(int(np.searchsorted(section.node_m, to_m)) - 1, first), len(section.step_m) - 1)
         return float(
             kernels.needed_effort(
@@ -190,27 +203,23 @@ class BrakingAhead:
 
     def largest(self, s_m: float, v_mps: float) -> float:
         """The effort of all brakes available here together, at a speed; 0 if there are none."""
-        v = max(v_mps, 0.1)
-        full_n = float(kernels.full_effort(v, self._train))
-        return _most_n(self.section, self._train, _interval(self.section, s_m), v) / full_n if full_n > 0.0 else 0.0
+        return float(kernels.largest_effort(max(v_mps, 0.1), self._supply(s_m), self._train))
 
     def stop_is_next(self, s_m: float, v_mps: float) -> bool:
         """Whether the train only has to brake for the stop: no limit below its speed lies before the stop."""
-        return not ((self._foot_m > s_m) & (self._foot_m < self.section.end_m) & (self._foot_mps < v_mps)).any()
+        return not any(s_m < foot.at_m < self.section.end_m and foot.speed_mps < v_mps for foot in self._feet)
 
     def full(self, s_m: float, v_mps: float) -> float:
         """The effort of full braking here, as used for the curve of the highest allowed speeds."""
         section, v = self.section, max(v_mps, 0.1)
-        here = on_supply(section.train, section.supply[_interval(self.section, s_m)])
-        slowed_n = here.max_deceleration_mps2 * here.inertial_mass_kg - section.resistance_n(s_m, v)
-        full_n = min(float(brake_limit(v, here, here.friction_force_n)), max(slowed_n, 0.0))
+        train = section.train
+        slowed_n = train.max_deceleration_mps2 * train.inertial_mass_kg - section.resistance_n(s_m, v)
+        full_n = min(float(kernels.most_braked(v, self._supply(s_m), train)), max(slowed_n, 0.0))
         return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(s_m, v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
         """The wheel force (N, <= 0) of a braking effort here, at most the force available."""
-        v = max(v_mps, 0.1)
-        most_n = _most_n(self.section, self._train, _interval(self.section, s_m), v)
-        return -min(effort * float(kernels.full_effort(v, self._train)), most_n)
+        return -float(kernels.braked(effort, max(v_mps, 0.1), self._supply(s_m), self._train))
 
     def effort_of(self, rate_mps2: float, s_m: float, v_mps: float) -> float:
         """The braking effort that decelerates the train at a rate (m/s²) here, at most what its brakes give."""
@@ -235,12 +244,5 @@ class BrakingAhead:
         gained = share * float(traction_limit(max(v_mps, 0.1), train)) / train.inertial_mass_kg
         return gained + self.rolls_mps2(s_m, v_mps)
 
-
-def _interval(section: Section, s_m: float) -> int:
-    return min(max(int(np.searchsorted(section.node_m, s_m, side="right")) - 1, 0), len(section.step_m) - 1)
-
-
-def _most_n(section: Section, train: TrainParams, interval: int, v_mps: float) -> float:
-    """The force (N) of all brakes that a train has in an interval of a section, at a speed."""
-    here = on_supply(train, section.supply[interval])
-    return float(brake_limit(v_mps, here, here.friction_force_n))
+    def _supply(self, s_m: float) -> float:
+        return float(self.section.supply[kernels.interval(self.section.node_m, s_m)])

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from das.advice import wording
+from das.advice import kernels, wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
 from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, SpeedsAllowed, TrainState
@@ -144,11 +144,11 @@ class Display:
         too_fast = excess_mps > OVERSPEED_MPS
         mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
         advised = min(place.speed_mps, allowed)
-        speeds, forces = self._horizon(plan, scene, advised, too_fast=too_fast)
+        speeds, forces = self._horizon(plan, place, scene, advised, too_fast=too_fast)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
-        deviation_s = goal.late_s(arrival_ns)
+        deviation_s = (arrival_ns - goal.arrival_ns) * NS
         # A train whose largest effort rises with its speed cannot yet exert the plan's force.
         force_n = min(self._force_n, planner.section.largest_n(min(state.v_mps, advised))[0])
         return self._advice(
@@ -185,17 +185,26 @@ class Display:
             **fields,
         )
 
-    def _horizon(self, plan: Plan, scene: Scene, advised_mps: float, *, too_fast: bool) -> tuple[Floats, Floats]:
-        """Speeds and forces of the next seconds; a brake stronger than planned lasts as long as the advice is valid."""
-        state, planner = scene.state, scene.planner
-        place = plan.at(state.s_m)
-        speeds, forces = plan.horizon(place.time_s, planner.section, planner.allowed_w, HORIZON_S)
+    def _horizon(
+        self, plan: Plan, place: Place, scene: Scene, advised_mps: float, *, too_fast: bool
+    ) -> tuple[Floats, Floats]:
+        """Speeds and forces of the next seconds, with no speed above what limits and the stop allow.
+
+        A brake stronger than planned lasts as long as the advice is valid.
+        """
+        state, planner, run = scene.state, scene.planner, plan.solution.trajectory
+        section, speeds, forces = planner.section, np.empty(HORIZON_S), np.empty(HORIZON_S)
+        kernels.horizon(
+            place.time_s, run.s_m, run.t_s, run.v_mps, plan.force_n, section.node_m, planner.allowed_w,
+            section.limit_mps, speeds, forces,
+        )  # fmt: skip
         planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
             soon = slice(math.ceil(VALID_FOR_S))
             forces[soon] = np.minimum(forces[soon], self._force_n)
         if too_fast:
-            speeds = kept_behind(speeds, advised_mps, state, plan.ahead_m(place.time_s, HORIZON_S), planner)
+            planned_m = np.interp(place.time_s + np.arange(1.0, HORIZON_S + 1.0), run.t_s, run.s_m)
+            speeds = kept_behind(speeds, advised_mps, state, planned_m, planner)
         return speeds, forces
 
     def _show(self, mode: Regime, now_ns: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 from das.domain.errors import DasError
@@ -93,7 +94,7 @@ class Goal:
     operator_delay_s: float | None = None
     counts: bool = True
 
-    @property
+    @cached_property
     def arrival_ns(self) -> int:
         """The arrival to aim at (ns since 1970): traffic management's, else the timetable's."""
         return self.target_ns if self.target_ns is not None else self.due_ns
@@ -101,10 +102,6 @@ class Goal:
     def left_s(self, now_ns: int) -> float:
         """The time (s) left until the arrival; < 0 once it has passed."""
         return (self.arrival_ns - now_ns) * NS
-
-    def late_s(self, arrival_ns: int) -> float:
-        """The lateness (s; < 0: early) of an arrival at a time."""
-        return (arrival_ns - self.arrival_ns) * NS
 
     def waits(self, state: TrainState) -> bool:
         """Whether there is a point ahead that may not be passed yet."""

@@ -104,6 +104,54 @@ def without_short(modes, t_s, brakes, least_s):
     return result
 
 
+@kernel
+def rolling(s, v_w, braked, nodes, line, p, speeds):
+    """Fill in the speeds at the nodes ahead of a train at s with v² = v_w that coasts, or brakes with a force (N).
+
+    At first they hold its present speed, for its resistance; a second pass takes the resistance at the speeds found.
+    """
+    step, g, q, _ = line
+    here = nodes.size - 1 - speeds.size
+    for _ in range(2):
+        lost = 0.0
+        for k in range(speeds.size):
+            i = here + k
+            running = p.c0_n + p.c1_n_per_mps * speeds[k] + (p.c2_n_per_mps2 + q[i]) * (speeds[k] * speeds[k])
+            lost += (running + g[i] + braked) * (step[i] if k > 0 else nodes[i + 1] - s)
+            speeds[k] = math.sqrt(max(v_w - 2.0 * lost / p.inertial_mass_kg, 0.0))
+
+
+@kernel
+def meets_curve(above, slack, speeds, envelope, envelope_w):
+    """The first node ahead at which speeds, lowered by `above`, are beyond the braking curve that they cross; else -1.
+
+    They cross it where they exceed it by more than `slack`.
+    """
+    first, below = envelope.size - speeds.size, -1
+    for k in range(speeds.size):
+        speed = max(speeds[k] - above, 0.0)
+        if envelope[first + k] < speed - slack:
+            return below + 1
+        if envelope_w[first + k] >= speed * speed:
+            below = k
+    return -1
+
+
+@kernel
+def passed_after(s, v, speeds, nodes, to):
+    """The time (s) after which a train at s with speed v, and with `speeds` at the nodes ahead, passes a place."""
+    at, before, elapsed = s, v, 0.0
+    for k in range(speeds.size):
+        if to <= at:
+            return elapsed
+        end = nodes[nodes.size - speeds.size + k]
+        later = elapsed + 2.0 * (end - at) / max(speeds[k] + before, 0.1)
+        if to < end:
+            return (later - elapsed) / (end - at) * (to - at) + elapsed
+        at, before, elapsed = end, speeds[k], later
+    return elapsed
+
+
 STEPS = 2
 """Iterations that find the speed at the end of an interval."""
 TRIES, NEAR_W = 14, 0.02
@@ -121,10 +169,22 @@ def full_effort(v, p):
 
 
 @kernel
-def largest_effort(v, p):
-    """The effort of all brakes of the train together at a speed."""
+def most_braked(v, u, p):
+    """The force (N) of all brakes of the train together at a speed, on a stretch with supply u."""
+    return brake_limit(v, on_supply(p, u), p.friction_force_n)
+
+
+@kernel
+def largest_effort(v, u, p):
+    """The effort of all brakes of the train together at a speed, on a stretch with supply u; 0 if there are none."""
     full = full_effort(v, p)
-    return brake_limit(v, p, p.friction_force_n) / full if full > 0.0 else 0.0
+    return most_braked(v, u, p) / full if full > 0.0 else 0.0
+
+
+@kernel
+def braked(effort, v, u, p):
+    """The force (N) of a braking effort at a speed on a stretch with supply u, at most that of all brakes."""
+    return min(effort * full_effort(v, p), most_braked(v, u, p))
 
 
 @kernel
@@ -172,7 +232,7 @@ def needed_effort(s, v, first, last, to_m, target, nodes, line, p):
     """
     aimed_w = target * target - 0.5 * NEAR_W
     low, low_w = 0.0, left_over_w(0.0, s, v, first, last, to_m, nodes, line, p) - aimed_w
-    most = largest_effort(v, p)
+    most = largest_effort(v, 1.0, p)
     if low_w <= 0.5 * NEAR_W or most <= 0.0:
         return 0.0
     # First guess: the effort that removes the surplus energy, at the mean speed. Then secant steps, a little too far,

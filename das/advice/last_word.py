@@ -24,7 +24,7 @@ from das.advice.shown import SAME_READING_MPS, step_below, target_below
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
 from das.domain.route import Route
-from das.domain.units import NS, STANDARD_GRAVITY_MPS2
+from das.domain.units import KMH, KN, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.estimate.estimate import Estimate
 
@@ -83,6 +83,19 @@ class Act(NamedTuple):
     bound_mps: float
     instead_mps: float = math.nan
     instead_n: float = math.nan
+
+    @property
+    def words(self) -> str:
+        """The replacement as text."""
+        value = "not a number" if math.isnan(self.value_mps) else f"{self.value_mps / KMH:.1f} km/h"
+        bound = "" if math.isnan(self.bound_mps) else f" where {self.bound_mps / KMH:.1f} km/h is the most"
+        if math.isfinite(self.instead_n):
+            instead = f"{self.instead_n / KN:.0f} kN is advised instead"
+        elif math.isfinite(self.instead_mps):
+            instead = f"{self.instead_mps / KMH:.1f} km/h is advised instead"
+        else:
+            instead = "it is omitted"
+        return f"last word: {self.part}: {value}{bound}; {instead}"
 
 
 class LastWord:
@@ -317,11 +330,12 @@ class _Judgement:
         assert guide is not None
         ends_m = min([guide.target_m, *(one.way_m for one in guide.following[:1] if _finite(one.way_m))])
         leads = now.mode in (*BRAKES, Regime.COAST)
-        places_m = [self._told_from_m + (ends_m if leads else now.way_m), *([] if leads else [self._ahead_m])]
-        bound_mps = max(model.bound_mps(place_m) for place_m in places_m) + SAME_READING_MPS
+        at_m = self._told_from_m + (ends_m if leads else now.way_m)
+        here_m = at_m if leads else self._ahead_m
+        bound_mps = max(model.bound_mps(at_m), model.bound_mps(here_m)) + SAME_READING_MPS
         if not now.speed_mps <= bound_mps:
             rounded = target_below if now.mode is Regime.COAST else step_below
-            instead_mps = rounded(max(model.allowed_mps(place_m) for place_m in places_m))
+            instead_mps = rounded(max(model.allowed_mps(at_m), model.allowed_mps(here_m)))
             act = Act(Part.GUIDE_SPEED, now.speed_mps, bound_mps, instead_mps)
             self._replace(act, guide=replace(guide, now=replace(now, speed_mps=instead_mps)))
 
@@ -506,15 +520,12 @@ class BrakingModel:
         # The model ends where the tolerance beyond the stop ends; the train stands there at the latest.
         places[kernels.BOUND + 2] = (limit_mps + LIMIT_TOLERANCE_MPS) ** 2
         self.line = nodes_m, places, _forces_n(train)
-        self.train = *self.line, train.inertial_mass_kg, min(train.max_deceleration_mps2, 1e6)
+        self.mass_kg = train.inertial_mass_kg
+        """The inertial mass (kg) of the train, with its rotating parts."""
+        self.train = *self.line, self.mass_kg, min(train.max_deceleration_mps2, 1e6)
         """The model for the kernels: the arrays of `line`, then the train's mass and largest deceleration."""
         for row in (kernels.ALLOWED, kernels.BOUND):
             kernels.fill_curve(*self.train, row)
-
-    @property
-    def mass_kg(self) -> float:
-        """The inertial mass (kg) of the train, with its rotating parts."""
-        return self.train[3]
 
     def limit_mps(self, s_m: float) -> float:
         """The limit over the train (m/s) with its head at a position; 0 beyond the end of the section."""

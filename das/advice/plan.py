@@ -112,10 +112,6 @@ class Plan:
             speed_w=run.v_mps**2,
         )
 
-    def speeds_mps(self, s_m: Floats) -> Floats:
-        """The planned speeds (m/s) at positions (m); beyond either end of the plan, the speed at that end."""
-        return np.asarray(np.sqrt(np.interp(s_m, self.solution.trajectory.s_m, self.speed_w)))
-
     def at(self, s_m: float) -> Place:
         """The place of a position (m) on the plan; beyond either end of the plan, that end."""
         run = self.solution.trajectory
@@ -126,17 +122,3 @@ class Plan:
         run = self.solution.trajectory
         part = (run.s_m[interval + 1] - s_m) / (run.s_m[interval + 1] - run.s_m[interval])
         return float(self.energy_j[interval] * part + self.energy_after_j[interval])
-
-    def ahead_m(self, here_s: float, count: int) -> Floats:
-        """The planned positions (m) 1, 2 … `count` seconds after `here_s` (s since the plan's start)."""
-        run = self.solution.trajectory
-        return np.asarray(np.interp(here_s + np.arange(1.0, count + 1.0), run.t_s, run.s_m))
-
-    def horizon(self, here_s: float, section: Section, envelope_w: Floats, count: int) -> tuple[Floats, Floats]:
-        """Planned speeds (m/s) and forces (N) of the next seconds; no speed is above what limits and the stop allow."""
-        run, speeds, forces = self.solution.trajectory, np.empty(count), np.empty(count)
-        kernels.horizon(
-            here_s, run.s_m, run.t_s, run.v_mps, self.force_n, section.node_m, envelope_w, section.limit_mps,
-            speeds, forces,
-        )  # fmt: skip
-        return speeds, forces

@@ -74,21 +74,12 @@ class Planner:
         self._planned_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
         """The plan behind the present advice; None if the next state needs a new one."""
-        self.ahead = BrakingAhead(self.section)
+        self.ahead = BrakingAhead.of(self.section)
         """The braking that limits and the stop ahead need."""
         self._braked_early = False
         self._schedule: Schedule | None = None
-        self._finished = False
-
-    @property
-    def source(self) -> Source:
+        self.source = basis.source
         """The basis of the present plan."""
-        return Source.TABLE if self._finished else self.basis.source
-
-    @property
-    def last_plan(self) -> Plan | None:
-        """The plan behind the last advice, made on the present basis or on the previous one."""
-        return self.plan or self.basis.before
 
     def forget(self) -> None:
         """Drop the plan, because it no longer applies."""
@@ -101,7 +92,7 @@ class Planner:
         a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule
-        self._finished = reference is not None and reference.finished
+        self.source = Source.TABLE if reference is not None and reference.finished else self.basis.source
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
             self._schedule = schedule
             section, v_mps = self.section, state.v_mps
@@ -190,7 +181,8 @@ class Planner:
         before = self.basis.before
         if before is not None:
             try:
-                return fastest(capped(self.section, before.speeds_mps(self.section.node_m)), state.s_m, state.v_mps)
+                speeds_w = np.interp(self.section.node_m, before.solution.trajectory.s_m, before.speed_w)
+                return fastest(capped(self.section, np.sqrt(speeds_w)), state.s_m, state.v_mps)
             except DasError:
                 pass  # At the speeds of the previous plan the train would stall on a hill.
         return fastest(self.section, state.s_m, state.v_mps)

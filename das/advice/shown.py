@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Final
 
-from das.advice.advice import Guidance
+from das.advice.advice import Guidance, Instruction
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import KMH
 
@@ -64,9 +64,11 @@ def as_read(guidance: Guidance, largest_n: tuple[float, float], *, sees_mark: bo
         shown_ratio = now.effort_ratio
     else:
         shown_ratio = lever_ratio(guidance.force_n, largest_n)
-    return replace(
-        guidance,
-        now=replace(now, speed_mps=step_below(now.speed_mps)),
-        following=tuple(replace(one, speed_mps=step_below(one.speed_mps)) for one in guidance.following),
-        lever_ratio=shown_ratio,
-    )
+    following = tuple(map(_in_steps, guidance.following))
+    return replace(guidance, now=_in_steps(now), following=following, lever_ratio=shown_ratio)
+
+
+def _in_steps(one: Instruction) -> Instruction:
+    """The instruction with its speed in whole steps."""
+    speed_mps = step_below(one.speed_mps)
+    return one if speed_mps == one.speed_mps else replace(one, speed_mps=speed_mps)

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from datetime import UTC, datetime, tzinfo
 from enum import StrEnum
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from das.advice.advice import Cause, Withdrawal
@@ -244,6 +245,7 @@ _WITH_ARRIVAL: Final = frozenset({
 """Reasons to which the lateness at arrival is added, if it is known."""
 
 
+@lru_cache(maxsize=16)  # Advice gives the same reason for many seconds.
 def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) -> str:
     """A reason in words, with times of day in a time zone; empty if there is nothing to say."""
     said = _WORDS[language]

@@ -96,6 +96,7 @@ class Cab:
             calibrator = Calibrator(situation.route, situation.vehicle, point_mass=situation.point_mass)
             self.learning = Learning(calibrator)
         self._post, self._zone, self._settings = post, post.route.zone, settings
+        self._least_valid_ns = round(OVERDUE_PERIODS * settings.advice_period_s / NS)
         self._guard, self._reporting = Guard(), Reporting()
         self._localisation = Localisation(situation.vehicle)
         self._quiet = Quiet()
@@ -172,7 +173,9 @@ class Cab:
         self._clock_ns = now_ns
         self._news_pending = self._failing = False
         try:
-            self._judge_day(now_ns)
+            journey = self._journey  # It is checked again if the clock has entered or left its day.
+            if journey is not None and is_of_another_day(journey, now_ns) != self._of_another_day:
+                self._begin(dataclasses.replace(journey, heard_ns=now_ns))
             self._answer(now_ns, dropped)
         except Exception as error:  # The error is reported; the next tick tries again.
             return self.fail(now_ns, error)
@@ -226,12 +229,6 @@ class Cab:
         names = [stop.name for stop in order.stops]
         self._reporting.event(journey.time_ns, Severity.INFO, f"journey {' – '.join(names)}")
         self._reporting.add(self._status(journey.time_ns, NodeState.READY, f"ready for {' – '.join(names)}"))
-
-    def _judge_day(self, now_ns: int) -> None:
-        """Check the journey again if the clock has entered or left the journey's day since the last check."""
-        journey = self._journey
-        if journey is not None and is_of_another_day(journey, now_ns) != self._of_another_day:
-            self._begin(dataclasses.replace(journey, heard_ns=now_ns))
 
     def _refuse(self, time_ns: int, why: str) -> None:
         known = self._trust.journey_refused == why
@@ -291,8 +288,7 @@ class Cab:
         if self.learning is not None and (estimated := self.learning.report(now_ns)):
             reporting.add(estimated)
         reporting.advices += 1
-        status = self._status(now_ns, self._state(advice), reason, advice.cause)
-        reporting.add(dataclasses.replace(status, last_advice_s=took_s))
+        reporting.add(self._status(now_ns, self._state(advice), reason, advice.cause, took_s))
         reporting.add(advice)
 
     def _advise(self, now_ns: int) -> Advice:
@@ -310,23 +306,19 @@ class Cab:
             return Advice(time_ns=now_ns, cause=why.cause, reason=Reason.of_text(wording.withdrawal(why)))
         if why is None:
             try:
-                advice = self.legs.judged(self._lasting(leg.advise(self.here)), self.here)
+                advice, least_ns = leg.advise(self.here), now_ns + self._least_valid_ns
+                if advice.mode is not Regime.NONE and advice.valid_until_ns < least_ns:
+                    advice = dataclasses.replace(advice, valid_until_ns=least_ns)  # until the next one should have come
+                advice = self.legs.judged(advice, self.here)
             except NoPlanError as error:
                 why = decide(self.here, trust, facts, no_plan=str(error))
             else:
                 quiet = self._quiet.cause(advice, self.here, leg.section)
-                why = decide(self.here, trust, facts, quiet=quiet)
+                why = decide(self.here, trust, facts, quiet=quiet) if quiet else None
                 return advice if why is None else leg.withdraw(self.here, why)
         assert why is not None
         self._quiet.forget()
         return leg.withdraw(self.here, why)
-
-    def _lasting(self, advice: Advice) -> Advice:
-        """The advice, valid at least until the next one should have come."""
-        least_ns = advice.time_ns + round(OVERDUE_PERIODS * self._settings.advice_period_s / NS)
-        if advice.mode is Regime.NONE or advice.valid_until_ns >= least_ns:
-            return advice
-        return dataclasses.replace(advice, valid_until_ns=least_ns)
 
     def _state(self, advice: Advice) -> NodeState:
         if advice.mode is not Regime.NONE:
@@ -337,7 +329,9 @@ class Cab:
             return NodeState.WAITING
         return NodeState.WITHDRAWN if self._localisation.received_any else NodeState.READY
 
-    def _status(self, time_ns: int, state: NodeState, reason: str, cause: Cause = Cause.NONE) -> Status:
+    def _status(
+        self, time_ns: int, state: NodeState, reason: str, cause: Cause = Cause.NONE, took_s: float = 0.0
+    ) -> Status:
         leg = self.legs.current
         return Status(
             time_ns=time_ns,
@@ -346,6 +340,7 @@ class Cab:
             cause=cause,
             section=leg.section.name if leg is not None else "",
             solve_s=self.legs.preparation.solve_s,
+            last_advice_s=took_s,
             advices=self._reporting.advices,
         )
 

@@ -143,11 +143,12 @@ class Guard:
 
     def doubts(self, now_ns: int) -> dict[str, Any]:
         """The reasons to distrust the messages received so far, by the names of `das.cab.withdrawal.Trust`."""
-        positions = self._publishers[Kind.POSITION]
+        positions, operator = self._publishers[Kind.POSITION], self._operators[Kind.RESTRICTION]
+        other = operator.contradiction()
         return {
             "two_publishers": positions.contested(now_ns),
             "unstamped": positions.unstamped(now_ns),
-            "two_operators": self._rival_operators(),
+            "two_operators": "" if other is None else _rivals(operator, other),
             "unheeded": self.unheeded,
             "two_nodes": self._nodes[0] if self._nodes else "",
         }
@@ -156,16 +157,6 @@ class Guard:
         """Whether two publishers state the wheel forces, or may do so undetected: then one of them may be wrong."""
         efforts = self._publishers[Kind.EFFORT]
         return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
-
-    def _rival_operators(self) -> str:
-        """The two publishers that state different restrictions, and the remedy if one is gone; else empty."""
-        operator = self._operators[Kind.RESTRICTION]
-        other = operator.contradiction()
-        if other is None:
-            return ""
-        one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
-        cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
-        return f"{_named(operator.source)} and {_named(other)}{cure}"
 
     def _refuse_unstamped(self, kind: Kind) -> None:
         """Refuse a state without its sender's time stamp, because two such senders could not be distinguished."""
@@ -376,6 +367,13 @@ class Operator:
     def _differs(self, source: str) -> bool:
         """Whether the last restrictions of a session differ from the list of the session that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
+
+
+def _rivals(operator: Operator, other: str) -> str:
+    """The two publishers that state different restrictions, and the remedy if one is gone."""
+    one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
+    cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
+    return f"{_named(operator.source)} and {_named(other)}{cure}"
 
 
 def _nonsense(message: StateHeard | Unreadable) -> str:

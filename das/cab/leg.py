@@ -97,7 +97,7 @@ class Leg:
 
     def use_meanwhile(self, section: Section) -> None:
         """Plan for a changed section without a front yet: the last plan applies, capped by the speeds safe now."""
-        self.use(PlanBasis(section=section, before=self.planner.last_plan))
+        self.use(PlanBasis(section=section, before=self.planner.plan or self.planner.basis.before))
 
     def set_timetable(self, timetable: Timetable, *, counts: bool = True) -> None:
         """Take over a timetable, and whether being on time counts at its end; raises DasError if it leaves no time."""

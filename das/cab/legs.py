@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, tzinfo
@@ -12,11 +13,13 @@ from typing import Final
 from das.advice.advice import Advice, Timetable
 from das.advice.goal import AT_STOP_M
 from das.advice.guide.drift import Drift
+from das.advice.last_word import BrakingBasis, LastWord, Part
 from das.cab.heard import Target
 from das.cab.leg import Leg, assign_targets
+from das.cab.outputs import is_fresh
 from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
-from das.cab.withdrawal import LOST_BEYOND_M, LastWords
+from das.cab.withdrawal import LOST_BEYOND_M
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, RunawayError
 from das.domain.levels import Level
@@ -28,7 +31,8 @@ from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
 """Distance (m) before its section at which a train that had begun the section counts as back on the previous one."""
-
+REPORT_EVERY_S = 30.0
+"""Time (s) without replacements of a part of the advice after which its next replacement is reported again."""
 MOST_NAMED: Final = 3
 """Largest number of accepted targets that are named."""
 Moment = tuple[float, bool] | None
@@ -44,10 +48,13 @@ class Legs:
     def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
-        self.last_words = LastWords(lambda text: preparation.report(News(text, True)))
-        """The final check of a leg's advice."""
+        self.acts: Counter[Part] = Counter()
+        """The number of replacements of each part of the advice by the last word."""
+        self._last_word, self._replaced_ns = LastWord(), dict[Part, int]()
         self._started, self._guide = situation, guide
         self._index: int | None = None
+        self._ends_m: list[float] = []
+        """The ends of all legs but the last one."""
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
         self._accepted_reported: tuple[Target, ...] = ()
@@ -73,15 +80,29 @@ class Legs:
         return news
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
-        """Advice after the final check: unchanged, or with safe values in place of unsafe ones."""
-        leg = self.current
-        if leg is None:
-            return advice
-        ends_m = leg.start.position_m, leg.end.position_m
-        judged = self.last_words.judged(advice, here, self._at_present, ends_m)
-        if leg.guide is not None and judged.guide is not None and judged.replaced_parts:
-            leg.guide.showing.has_shown(judged.guide.now, judged.time_ns)
-        return judged
+        """Advice after the last word: unchanged, or with safe values in place of unsafe ones, which are reported."""
+        leg, situation = self.legs[self.index], self._at_present
+        basis = BrakingBasis(
+            route=situation.route,
+            vehicle=situation.vehicle,
+            brakes=situation.vehicle.brakes_at(situation.level or situation.vehicle.default_level),
+            restrictions=situation.restrictions,
+            conditions=situation.conditions,
+            start_m=leg.start.position_m,
+            end_m=leg.end.position_m,
+            point_mass=situation.point_mass,
+        )
+        safe, acts = self._last_word.judge(advice, here, basis)
+        if not acts:
+            return safe
+        for act in acts:
+            self.acts[act.part] += 1
+            if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
+                self.preparation.report(News(act.words, True))
+            self._replaced_ns[act.part] = advice.time_ns
+        if leg.guide is not None and safe.guide is not None:
+            leg.guide.showing.has_shown(safe.guide.now, safe.time_ns)
+        return replace(safe, replaced_parts=len(acts))
 
     def check(self, stops_m: Sequence[float]) -> None:
         """Check the sections between stops (m) before there is a journey; raises DasError if one cannot be driven."""
@@ -135,6 +156,7 @@ class Legs:
         current = self.current
         self._index = legs.index(current) if self._index is not None and current in legs else None
         self.situation, self.legs = situation, tuple(legs)
+        self._ends_m = [leg.section.end_m for leg in legs[:-1]]
         self.place(moment)
         self.set_targets(self._targets)
 
@@ -183,7 +205,7 @@ class Legs:
     def place(self, moment: Moment) -> None:
         """Take over the position of the train; it decides which leg the train is on."""
         if moment is not None and self.legs:
-            self._index = leg_of([leg.section.end_m for leg in self.legs[:-1]], self._index, moment)
+            self._index = leg_of(self._ends_m, self._index, moment)
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""

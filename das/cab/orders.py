@@ -23,10 +23,13 @@ DAY_NS = 86_400 * 10**9
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
     """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not set, so False)."""
-    if now_ns <= 0:
-        return False
-    times_ns = (at_ns for stop in journey.stops for at_ns in (stop.arrival_ns, stop.departure_ns))
-    return min((abs(at_ns - now_ns) for at_ns in times_ns if at_ns > 0), default=0) > DAY_NS
+    has_times = False
+    for stop in journey.stops if now_ns > 0 else ():
+        for at_ns in (stop.arrival_ns, stop.departure_ns):
+            if at_ns > 0 and abs(at_ns - now_ns) <= DAY_NS:
+                return False
+            has_times |= at_ns > 0
+    return has_times
 
 
 class Trains:

@@ -136,6 +136,8 @@ class Reporting:
         self.advices = 0
         """Number of advice messages so far, including withdrawals."""
         self._outputs: list[Output] = []
+        self.add = self._outputs.append
+        """Add an output."""
         self._complaints, self._news = Moderation(), Moderation()
         self._shown: tuple[Regime, Cause] | None = None
         self._counted, self._rejecting = (0, 0), False
@@ -146,12 +148,9 @@ class Reporting:
 
     def take(self) -> list[Output]:
         """All outputs since the last call, in order."""
-        outputs, self._outputs = self._outputs, []
+        outputs = self._outputs.copy()
+        self._outputs.clear()
         return outputs
-
-    def add(self, output: Output) -> None:
-        """Add an output."""
-        self._outputs.append(output)
 
     def event(self, now_ns: int, severity: Severity, text: str) -> None:
         """Add an event."""

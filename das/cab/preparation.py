@@ -176,6 +176,8 @@ class _Prepared:
     """
 
     situation: Situation
+    whole: Situation | None = None
+    """The situation on the whole line from which `situation` was taken last."""
     refusal: str = ""
     why: str = ""
     served: PassingTarget | None = None
@@ -292,14 +294,16 @@ class Preparation:
             elif one.ready and i != index - 1:  # far away: its front is dropped
                 leg.use(PlanBasis(section=leg.section))
                 one.give_up()
-            elif one.searches:
+            elif one.search is not None or one.guide is not None:
                 one.give_up()
 
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
         """Bring a leg up to date with the situation: its safe limits immediately, then its front."""
-        wanted = situation.between(leg.start.position_m, leg.end.position_m)
-        if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
-            _change_situation(leg, one, wanted)
+        if situation is not one.whole or leg.reached_m >= one.held_from_m:
+            wanted = situation.between(leg.start.position_m, leg.end.position_m)
+            if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
+                _change_situation(leg, one, wanted)
+            one.whole = situation
         point = leg.goal.passing
         if point is not None and point != one.served:
             one.give_up()

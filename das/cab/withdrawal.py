@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
-from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
+from das.advice.advice import OF_PROBLEM, Cause, Withdrawal
 from das.advice.goal import AT_END_M, AT_STOP_M
-from das.advice.last_word import Act, BrakingBasis, LastWord, Part
-from das.cab.outputs import is_fresh
-from das.cab.situation import Situation
-from das.domain.units import KMH, KN
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
 LOST_BEYOND_M: Final = 500.0
 """Largest distance (m) beyond the end of a section at which a train counts as past its stop, not as off the section."""
-REPORT_EVERY_S = 30.0
-"""Time (s) without replacements of a part of the advice after which its next replacement is reported again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,46 +114,3 @@ def _of_leg(here: Estimate, leg: LegFacts) -> Withdrawal | None:
     if here.s_m - leg.end_m > AT_STOP_M:
         return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - leg.end_m)
     return None
-
-
-class LastWords:
-    """Checks each advice message with the last word, counts the replaced parts, and reports them as texts."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self.acts: Counter[Part] = Counter()
-        """Replacements of each part of the advice since the start."""
-        self._word, self._report = LastWord(), report
-        self._replaced_ns: dict[Part, int] = {}
-
-    def judged(self, advice: Advice, here: Estimate, situation: Situation, ends_m: tuple[float, float]) -> Advice:
-        """The advice on the section between two positions (m), with safe values in place of unsafe ones."""
-        basis = BrakingBasis(
-            route=situation.route,
-            vehicle=situation.vehicle,
-            brakes=situation.vehicle.brakes_at(situation.level or situation.vehicle.default_level),
-            restrictions=situation.restrictions,
-            conditions=situation.conditions,
-            start_m=ends_m[0],
-            end_m=ends_m[1],
-            point_mass=situation.point_mass,
-        )
-        safe, acts = self._word.judge(advice, here, basis)
-        for act in acts:
-            self.acts[act.part] += 1
-            if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
-                self._report(words_of(act))
-            self._replaced_ns[act.part] = advice.time_ns
-        return replace(safe, replaced_parts=len(acts)) if acts else safe
-
-
-def words_of(act: Act) -> str:
-    """The text about a part of the advice that the last word replaced."""
-    value = "not a number" if math.isnan(act.value_mps) else f"{act.value_mps / KMH:.1f} km/h"
-    bound = "" if math.isnan(act.bound_mps) else f" where {act.bound_mps / KMH:.1f} km/h is the most"
-    if math.isfinite(act.instead_n):
-        instead = f"{act.instead_n / KN:.0f} kN is advised instead"
-    elif math.isfinite(act.instead_mps):
-        instead = f"{act.instead_mps / KMH:.1f} km/h is advised instead"
-    else:
-        instead = "it is omitted"
-    return f"last word: {act.part}: {value}{bound}; {instead}"

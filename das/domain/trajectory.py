@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -102,7 +103,7 @@ class Trajectory(Summary):
     limit_mps: Floats
     supply: Floats
 
-    @property
+    @cached_property
     def time_s(self) -> float:
         """Duration (s)."""
         return float(self.t_s[-1])

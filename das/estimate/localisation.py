@@ -32,7 +32,7 @@ from das.estimate.plausibility import (
     impossible,
     surprise,
 )
-from das.estimate.track_filter import Track, TrainMotion
+from das.estimate.track_filter import Track, TrainMotion, predict
 
 LARGEST_POSITION_SD_M: Final = 50.0
 """Largest standard deviation (m) of the position with which an estimate is used."""
@@ -277,7 +277,7 @@ class Localisation:
             return self._estimate(now_ns, self._problem or NO_POSITION_YET)
         age_s, fixed_mps = (now_ns - self._time_ns) * NS, x.v
         if not self._standstill.stands:
-            x = self._motion.carried_on(x, min(max(age_s, 0.0), SILENCE_S))
+            x = predict(x, min(max(age_s, 0.0), SILENCE_S), self._motion.jerk_psd_m2ps5, 0.0, 0.0, 0.0)
         if self._clock.doubt_s > SPEED_DOUBTED_S:
             x = x._replace(v=max(x.v, fixed_mps))
         x = x._replace(ss=x.ss + (x.speed_mps * self._clock.doubt_s) ** 2)

@@ -219,7 +219,8 @@ class TrainMotion:
         """The largest speed (m/s) that is credible for the train."""
         start_mps2 = float(vehicle.traction_effort_n(0.0)) / vehicle.inertial_mass_kg
         self._acceleration_sd_mps2 = 0.5 * max(min(start_mps2, vehicle.max_acceleration_mps2), HARD_MPS2)
-        self._jerk_psd = 2.0 * self._acceleration_sd_mps2**2 / EFFORT_LASTS_S
+        self.jerk_psd_m2ps5 = 2.0 * self._acceleration_sd_mps2**2 / EFFORT_LASTS_S
+        """The density of the train's jerk (m²/s⁵)."""
         self._wander_sd_m: float | None = None
 
     def begin(self, fix: PositionFix) -> Track:
@@ -230,10 +231,6 @@ class TrainMotion:
             speed_mps, speed_sd_mps = 0.0, 0.5 * self.fastest_mps
         self._wander_sd_m = position_sd_m
         return begin(fix.s_m, position_sd_m, speed_mps, speed_sd_mps, self._acceleration_sd_mps2, SPEED_SCALE_SD)
-
-    def carried_on(self, x: Track, span_s: float) -> Track:
-        """The state `span_s` (>= 0) after the last fix, without another fix."""
-        return predict(x, span_s, self._jerk_psd, 0.0, 0.0, 0.0)
 
     def expected(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """The state expected when a fix comes, `span_s` after the last one.
@@ -252,7 +249,7 @@ class TrainMotion:
     def _predicted(self, x: Track, fix: PositionFix, span_s: float, speed_wander_sd_mps: float) -> Track:
         """The state `span_s` later, with the errors of the fix's sensors wandering."""
         wander_sd_m = self._wandering_sd_m(fix)
-        return predict(x, span_s, self._jerk_psd, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
+        return predict(x, span_s, self.jerk_psd_m2ps5, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """The state of a standing train at a fix, which does not change the train's position."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -59,7 +60,7 @@ class LineProfile:
         """Times (s, from 0) at the nodes for these node speeds and constant acceleration between them."""
         return np.concatenate(([0.0], np.cumsum(2.0 * self.step_m / (speeds_mps[:-1] + speeds_mps[1:]))))
 
-    @property
+    @cached_property
     def for_kernels(self) -> LineArrays:
         """Step, constant force, tunnel coefficient and supply of each interval, in the form required by the kernels."""
         return LineArrays(self.step_m, self.constant_n, self.tunnel_n_per_mps2, self.supply)

@@ -8,7 +8,7 @@ over the finer *integration nodes*, at which trajectories are given.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -65,12 +65,12 @@ class Section(Summary, LineProfile):
     decision: NDArray[np.int64]
     braking: ServiceBraking | None = None
 
-    @property
+    @cached_property
     def start_m(self) -> float:
         """Start of the section (route position)."""
         return float(self.node_m[0])
 
-    @property
+    @cached_property
     def end_m(self) -> float:
         """End of the section (route position)."""
         return float(self.node_m[-1])
@@ -116,8 +116,8 @@ class Section(Summary, LineProfile):
 
     def resistance_n(self, s_m: float, v_mps: float) -> float:
         """The resistance (N) at a position and speed: running resistance, gradient, curve and tunnel."""
-        interval = min(max(int(np.searchsorted(self.node_m, s_m, side="right")) - 1, 0), len(self.step_m) - 1)
-        running_n = mean_resistance(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
+        interval = min(max(int(self.node_m.searchsorted(s_m, side="right")) - 1, 0), len(self.step_m) - 1)
+        running_n = mean_resistance.py_func(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
         return float(running_n + self.constant_n[interval])
 
     def largest_n(self, v_mps: float) -> tuple[float, float]:
@@ -153,7 +153,7 @@ class Section(Summary, LineProfile):
         ends = (self.start_m, self.end_m)
         return " – ".join(self.route.stop_name_at(at_m) or f"km {at_m / KM:.3f}" for at_m in ends)
 
-    @property
+    @cached_property
     def name(self) -> str:
         """Route, positions, train and level, for messages."""
         return f"{self.route.id} {self.start_m:.0f}–{self.end_m:.0f} m, {self.vehicle.id}, {self.level}"
@@ -215,7 +215,7 @@ def build_section(
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(bounds.allowed_mps.max()))
     return Section(
-        **vars(fine),
+        **{one.name: getattr(fine, one.name) for one in fields(fine)},
         route=route,
         vehicle=vehicle,
         level=level,

@@ -67,7 +67,7 @@ class Solution(Summary):
             "fit": str(self.fit),
         }
 
-    @property
+    @cached_property
     def time_s(self) -> float:
         """Duration of the trajectory (s)."""
         return self.trajectory.time_s

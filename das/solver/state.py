@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -188,6 +189,7 @@ def fastest(section: Section, s_m: float | None = None, v_mps: float | None = No
     return state.solution(run, least_time_s=run.time_s, requested_s=run.time_s, fit=Fit.ON_TIME)
 
 
+@lru_cache(maxsize=2)  # Several parts of one advice message need it.
 def least_time_s(section: Section, s_m: float, v_mps: float) -> float:
     """Time (s) of the fastest trajectory from a position (m) and speed (m/s); errors as in `fastest`.
 

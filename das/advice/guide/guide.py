@@ -59,7 +59,7 @@ class Guide:
         self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
     ) -> None:
         self._section, self._worker = section, worker
-        self._ahead_of_train = BrakingAhead(section)
+        self._ahead_of_train = BrakingAhead.of(section)
         self.drift = drift or Drift()
         """The driver's drift, as measured so far."""
         self.keeper = Keeper(section, front, worker, self.drift)

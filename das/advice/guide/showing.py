@@ -111,7 +111,7 @@ class Showing:
     def creeping(self, section: Section, state: TrainState, place: SpeedsAllowed) -> Guidance:
         """The instruction to creep to the stop, or to brake if that is due, and the brake after it."""
         self.forget()
-        self._ahead = ahead = BrakingAhead(section)
+        self._ahead = ahead = BrakingAhead.of(section)
         v_mps = max(state.v_mps, 1.0)
         begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), CREEP_MPS))
         needed = ahead.needed(begins_m, CREEP_MPS)
@@ -168,7 +168,7 @@ class Showing:
         """The scene of this second; with another reference, the timeline starts again."""
         schedule = kept.reference.schedule
         if self._ahead is None or self._ahead.section is not schedule.section:
-            self._ahead = BrakingAhead(schedule.section)
+            self._ahead = BrakingAhead.of(schedule.section)
             self._memory = replace(self._memory, efforts={})
         if schedule is not self._schedule:
             self._schedule, self._steps = schedule, timeline(schedule)

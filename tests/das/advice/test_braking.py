@@ -155,6 +155,24 @@ def test_a_train_above_its_limit_meets_no_curve_before_the_limit_falls() -> None
     assert above_m == pytest.approx(at_limit_m, abs=1.0)
 
 
+@pytest.mark.parametrize(("s_m", "braked_n"), [(10.0, 0.0), (3990.5, 6e4)])
+def test_speeds_and_times_ahead_equal_those_of_whole_arrays(s_m: float, braked_n: float) -> None:
+    """The kernels go from node to node; numpy computes all nodes at once, and the results agree to the last bit."""
+    section, v_mps = line(gradient=-0.004), 25.0
+    ahead, train, node_m = BrakingAhead(section), section.train, section.node_m
+    at_m = np.append(s_m, node_m[node_m > s_m])
+    constant_n, speeds_mps = section.constant_n[-len(at_m) + 1 :], np.full(len(at_m) - 1, v_mps)
+    for _ in range(2):
+        running_n = train.c0_n + train.c1_n_per_mps * speeds_mps + train.c2_n_per_mps2 * speeds_mps**2
+        lost_j = np.cumsum((running_n + constant_n + braked_n) * np.diff(at_m))
+        speeds_mps = np.sqrt(np.maximum(v_mps**2 - 2.0 * lost_j / train.inertial_mass_kg, 0.0))
+    assert ahead.rolling_mps(s_m, v_mps, braked_n).tolist() == speeds_mps.tolist()
+    nodes_mps = np.append(v_mps, speeds_mps)
+    times_s = np.cumsum(np.append(0.0, 2.0 * np.diff(at_m) / np.maximum(nodes_mps[1:] + nodes_mps[:-1], 0.1)))
+    for to_m in (s_m - 1.0, s_m, *at_m[3:6].tolist(), 0.5 * (at_m[7] + at_m[8]), at_m[-1], at_m[-1] + 1.0):
+        assert ahead.ahead_s(s_m, v_mps, speeds_mps, to_m) == float(np.interp(to_m, at_m, times_s))
+
+
 def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
     ahead, v_mps = BrakingAhead(line(gradient=-0.01)), 27.0
     needed = ahead.back_under(4300.0, v_mps, 25.0)

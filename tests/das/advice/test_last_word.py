@@ -491,13 +491,13 @@ def test_the_cab_says_it_once_counts_it_every_time_and_sends_what_is_safe(monkey
     driven = DrivenNode()
     cab = driven.node.cab
     sound = driven.tick(50)
-    assert cab.legs.last_words.acts.total() == 0
+    assert cab.legs.acts.total() == 0
     wrong_from_now_on(monkeypatch, display_speed_mps=80.0)
     for second in range(51, 56):
         advice = driven.tick(second)
         assert advice.display_speed_mps <= advice.limit_mps
     assert sound.limit_mps == advice.limit_mps
-    assert cab.legs.last_words.acts == {Part.DISPLAY_SPEED: 5}
+    assert cab.legs.acts == {Part.DISPLAY_SPEED: 5}
     said = [line for line in driven.sink.events().splitlines() if line.startswith("last word: ")]
     assert said == [
         "last word: displayed speed: 288.0 km/h where 161.8 km/h is the most; 160.0 km/h is advised instead",
@@ -533,4 +533,4 @@ def test_the_full_advice_of_an_ordinary_day_passes_as_it_is() -> None:
     day = make_day(service_for(load_scenario("clear-day")), 0)
     link = InProcess(day.service)
     ClosedLoop(day, day.driver(DriverKind.PERFECT), Presentation.SPEED_AND_EFFORT, link).run()
-    assert link.cab.legs.last_words.acts.total() == 0
+    assert link.cab.legs.acts.total() == 0
