@@ -24,7 +24,8 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
 from sim.meanings import LIGHT, Meaning
 from sim.review.pictures import INK, TEXT_POINTS, light_figure, named, stops
-from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, World
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario
 from sim.world.service import Day, Service, make_day, prepare_service

@@ -202,11 +202,14 @@ def run(
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
-        from das.cab.cab import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
         from sim.world.driving import How
 
+        if in_process:
+            from das.cab.cab import warm_up
+        else:  # the cab is in the node, which loads its code while it starts
+            from das.solver.warm_up import warm_up
         driver_versions(who)
         person = participant_of(who, participant, population)
         files = recorded.folder(asked.train)

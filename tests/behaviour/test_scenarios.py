@@ -37,7 +37,8 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
-from sim.world.loop import InProcess, Run, Tick, Told, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, Told, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import Drawn, Scenario, bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day

@@ -43,8 +43,9 @@ from sim.trips.estimate import (
 )
 from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, to_profile
 from sim.trips.trip import Trip
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Traffic
-from sim.world.loop import InProcess, World
+from sim.world.loop import World
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route

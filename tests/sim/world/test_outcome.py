@@ -17,8 +17,9 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drive.figures import AdviceStability
 from sim.drive.limits import Violations
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Traffic
-from sim.world.loop import InProcess, Run, World
+from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayOutcome, DayResult, outcome, print_result, shares, true_fronts
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
