@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -27,9 +27,16 @@ from sim.trips.cleaning import (
     FindingKind,
     FindingLog,
 )
-from sim.trips.line import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO, Line
 from sim.trips.record import Bools, Ints, Record
 
+if TYPE_CHECKING:
+    from sim.trips.line import Line
+
+MAX_CROSS_TRACK_M: Final = 200.0
+"""Largest distance (m) from the line of a point that counts as on the line. Lines through kilometre posts cut curves:
+by 62 m at 2 km radius."""
+SCALE_TOLERANCE_RATIO: Final = 0.01
+"""Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 RECORD_STANDS_MPS: Final = 1.0 * KMH
 """Reported speed (m/s) below which a train counts as standing if its positions do not move."""
 WANDER_M: Final = 30.0
