@@ -13,7 +13,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
 from precompute.polylines import nearest_on_segments
-from sim.trips.matching import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
+from sim.trips.cleaning import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
 from sim.trips.record import LARGEST_DEG, LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, number
 
 COLUMNS: Final = {

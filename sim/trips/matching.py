@@ -21,6 +21,8 @@ from sim.trips.cleaning import (
     LEAST_KEPT_RATIO,
     LOST_S,
     MAX_BACKWARD_M,
+    MAX_CROSS_TRACK_M,
+    SCALE_TOLERANCE_RATIO,
     STALL_HALF_WINDOW_S,
     WRONG_SPEED_MPS,
     CleaningReport,
@@ -32,11 +34,6 @@ from sim.trips.record import Bools, Ints, Record
 if TYPE_CHECKING:
     from sim.trips.line import Line
 
-MAX_CROSS_TRACK_M: Final = 200.0
-"""Largest distance (m) from the line of a point that counts as on the line. Lines through kilometre posts cut curves:
-by 62 m at 2 km radius."""
-SCALE_TOLERANCE_RATIO: Final = 0.01
-"""Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 RECORD_STANDS_MPS: Final = 1.0 * KMH
 """Reported speed (m/s) below which a train counts as standing if its positions do not move."""
 WANDER_M: Final = 30.0

@@ -19,7 +19,7 @@ from sim.world.loop import BEFORE_S, Tick, Told
 from sim.world.service import Service
 
 FRONTS: Final = Fronts(kept_bytes=300_000_000)
-"""The fronts of the on-board systems in this process, which all its runs share, up to a total size."""
+"""The fronts of all on-board systems of the process, up to a total size."""
 TRAIN = "train"
 """Name of the train whose advice is computed within the process."""
 Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
