@@ -136,7 +136,7 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayO
     speed.set_xlim(places[0][1] / KM, places[-1][1] / KM)
     named(speed, y="speed, km/h")
     changes = one.run.stability.changes_per_min
-    title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.driven_j):.1f} kWh, "
+    title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.above.driven_j):.1f} kWh, "
     title += f"{came.late_s:+.0f} s at the last stop"
     speed.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS, pad=18.0)
     stops(speed, places, at_points=(4.0,))

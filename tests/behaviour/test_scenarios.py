@@ -223,7 +223,7 @@ def test_half_the_step_changes_the_energy_little() -> None:
     run = World(
         day, make_driver(DriverKind.PERFECT, service.line), Presentation.SPEED_AND_EFFORT, InProcess(service)
     ).run()
-    energy_kwh = kwh(outcome(day, run).energies.driven_j)
+    energy_kwh = kwh(outcome(day, run).energies.above.driven_j)
     assert energy_kwh == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
 
 
@@ -333,7 +333,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     ).run()
     slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
     assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
-    assert kwh(outcome(day, run).energies.driven_j) > driven.figures["energy_kwh"]
+    assert kwh(outcome(day, run).energies.above.driven_j) > driven.figures["energy_kwh"]
     assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 
