@@ -368,10 +368,10 @@ class ComparedLeg:
     energies: LegEnergies
 
     @classmethod
-    def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies | None = None) -> ComparedLeg:
-        """A driven leg with the front of its section, and its energies if they are known already."""
-        energies = energies or leg_energies(front.section, leg)
-        return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
+    def of(cls, leg: DrivenLeg, front: Front) -> ComparedLeg:
+        """A driven leg with the front of its section."""
+        optimum = front.trajectory(leg.trip_s)
+        return cls(leg=leg, front=front, optimum=optimum, energies=leg_energies(front.section, leg))
 
     @property
     def driven_j(self) -> float:
@@ -393,6 +393,11 @@ class ComparedLeg:
         found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
         # The measured train did run like this. If the planned train cannot, the measured one may have been lighter.
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
+
+
+def beside_optima(inputs: DriveInputs, legs: Iterable[DrivenLeg]) -> tuple[ComparedLeg, ...]:
+    """The legs with the optima of the planned train; DasError if that train cannot run there."""
+    return tuple(ComparedLeg.of(leg, solve_front(section_of_leg(inputs, leg))) for leg in legs)
 
 
 @dataclass(frozen=True, kw_only=True)
