@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from das.advice.advice import Advice
 from das.bus import codec
@@ -15,11 +16,14 @@ from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains
 from das.cab.preparation import Fronts
 from das.cab.situation import Situation
+from sim.drivers.knowledge import LineKnowledge
 from sim.world.loop import BEFORE_S, Tick, Told
 from sim.world.service import Service
 
-FRONTS: Final = Fronts(kept_bytes=300_000_000)
-"""The fronts of all on-board systems of the process, up to a total size."""
+KEPT_BYTES: Final = 300_000_000
+"""Largest total size (bytes) of the fronts that the on-board systems of a service keep."""
+FRONTS: Final[WeakKeyDictionary[LineKnowledge, Fronts]] = WeakKeyDictionary()
+"""The fronts of the on-board systems of each service, by its line; they are kept as long as the service."""
 TRAIN = "train"
 """Name of the train whose advice is computed within the process."""
 Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
@@ -55,7 +59,8 @@ class InProcess:
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
         calibrate = service.scenario.sensors.force_noise_ratio is not None
-        self.cab = Cab(post, situation, FRONTS, CabSettings(calibrate=calibrate, guide=self._guide))
+        fronts = FRONTS.setdefault(service.line, Fronts(kept_bytes=KEPT_BYTES))
+        self.cab = Cab(post, situation, fronts, CabSettings(calibrate=calibrate, guide=self._guide))
         """The on-board system."""
         self._judged_ns = 0
         for heard in list(self._kept.values()):
