@@ -27,7 +27,7 @@ from sim.drivers.parameters import Participant, participant_of
 from sim.options import PageFiles, ReplayOptions, TripOptions
 from sim.plant.kernels import PlantState
 from sim.world.driving import How, drive_day, drive_kept
-from sim.world.loop import TRAIN
+from sim.world.in_process import TRAIN
 from sim.world.outcome import outcome
 from sim.world.scenario import load_scenario
 from sim.world.service import make_day, prepare_service

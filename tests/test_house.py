@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(27_330, 140),
     "precompute": Budget(10_630, 47),
-    "sim": Budget(36_310, 149),
+    "sim": Budget(36_320, 150),
     "docs/studies": Budget(6_195, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

@@ -24,7 +24,8 @@ from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import present, presenter_of
 from sim.meanings import LIGHT, Meaning
 from sim.review.pictures import INK, TEXT_POINTS, light_figure, named, stops
-from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, World
 from sim.world.outcome import DayOutcome, outcome
 from sim.world.scenario import load_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
@@ -135,7 +136,7 @@ def _draw_run(axes: Any, one: WatchedRun, presentation: Presentation, came: DayO
     speed.set_xlim(places[0][1] / KM, places[-1][1] / KM)
     named(speed, y="speed, km/h")
     changes = one.run.stability.changes_per_min
-    title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.driven_j):.1f} kWh, "
+    title = f"{presentation}: {changes:.1f} changes a minute, {kwh(came.energies.above.driven_j):.1f} kWh, "
     title += f"{came.late_s:+.0f} s at the last stop"
     speed.set_title(title, loc="left", color=INK, fontsize=TEXT_POINTS, pad=18.0)
     stops(speed, places, at_points=(4.0,))

@@ -26,7 +26,8 @@ from sim.plant.kernels import PlantState
 from sim.trips.find_train import FoundTrain, candidates, find_train, shares
 from sim.trips.record import read_trip
 from sim.trips.trip import Trip, load_trip
-from sim.world.loop import InProcess, World
+from sim.world.in_process import InProcess
+from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
 

@@ -210,7 +210,7 @@ def _drive_at_desk(
 
 def _driven(read: Scenario, asked: DayAsked, how: How, out: Path | None, factor: float) -> DayResult:
     with loading_solver():
-        from das.cab.cab import warm_up
+        from das.solver.warm_up import warm_up
         from sim.world.external import AT_THE_DESK, ExternalDriver
 
         warm_up()

@@ -328,6 +328,7 @@ def view(
     For example: das-sim view run.mcap --from 10:00 --to 20:00 --save part.rrd
     """
     check_outputs(save, inputs=(file,), overwrite=overwrite)
+    check_packages("view", "rerun", "rerun_cli")
     from sim.drive.drive import Drive
     from sim.recording.course import part_of
     from sim.recording.opening import open_recording

@@ -202,7 +202,7 @@ def run(
     recorded.check()
     listens = _driver_at(who, in_process, recorded.bus, driver_at)
     with loading_solver(LATE_KERNELS):
-        from das.cab.cab import warm_up
+        from das.solver.warm_up import warm_up
         from sim.drivers.own_class import driver_versions
         from sim.drivers.parameters import participant_of
         from sim.world.driving import How
@@ -212,6 +212,10 @@ def run(
         files = recorded.folder(asked.train)
         read = scenario_asked(scenario, asked.journey, recorded.out)
         warm_up()
+        if in_process:  # otherwise the cab is in the node, which loads its code while it starts
+            from das.cab.cab import warm_up as warm_up_cab
+
+            warm_up_cab()
     day, paced = prepared_day(read, asked, person), who is EXTERNAL and factor is not None
     reserved = new_recording("run") if recorded.out is None and not in_process else None
     how = How(driver=who, friction=friction, advice=asked.advice, train=asked.train, command=typed_command(), bus=files,

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Final, TypeVar
 
 from das.domain.errors import DasError
-from das.solver.solve import solve_front
 from sim.drive.above_optimum import (
     NOT_COMPARABLE,
     SAID_BY_THE_RECORDING,
@@ -27,6 +26,7 @@ from sim.drive.legs import (
     LegEnergies,
     LikelyRange,
     Smoothed,
+    beside_optima,
     leg_energies,
     legs_of_drive,
     likely_range,
@@ -82,10 +82,7 @@ class DriveEnergy:
     @cached_property
     def compared(self) -> tuple[ComparedLeg, ...]:
         """The legs with the planned train's optimum; DasError as for `of_legs`."""
-        pairs = zip(self.legs, self.of_legs, strict=True)
-        return tuple(
-            ComparedLeg.of(leg, solve_front(section_of_leg(self.table.inputs, leg)), one) for leg, one in pairs
-        )
+        return beside_optima(self.table.inputs, self.legs)
 
     @cached_property
     def driven_j(self) -> float | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,9 @@ from sim.trips.estimate import (
     estimate_run,
     one_by_one,
 )
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
+
+if TYPE_CHECKING:
+    from sim.trips.profile import DrivenRun
 
 EQUAL_MPS: Final = 0.5
 """Largest difference (m/s) from a common speed at which two speeds count as equal."""
@@ -122,21 +124,22 @@ def motion_of(table: DriveTable) -> DrivenMotion:
             time_ns=time_ns, s_m=s_m, speed_mps=speed_mps, input_j=input_j if measured else None,
             friction_j=friction_j if measured else None,
         )  # fmt: skip
-    return smoothed_motions(table)(SMOOTHING_JERK_PSD_M2PS5)
+    return smoothed_motions(table)(1.0)
 
 
 def smoothed_motions(table: DriveTable) -> Callable[[float], DrivenMotion]:
-    """A function that smooths the positions of a drive with a density of the jerk (m²/s⁵), on the line as driven.
+    """A function that smooths the positions of a drive with a multiple of the usual density of jerk.
 
     The motion has the energy of the friction brake if the recording has brake forces. DasError for positions that
     cannot be used.
     """
-    from sim.trips.trip import recorded_trip  # cleaning and matching, which a simulated drive does not need
+    from sim.trips.profile import to_profile  # with cleaning and matching, which a simulated drive does not need
+    from sim.trips.trip import recorded_trip
 
     trip = recorded_trip(table.recording, table.inputs.route)
 
-    def smoothed(jerk_psd_m2ps5: float) -> DrivenMotion:
-        run = trip.run if jerk_psd_m2ps5 == SMOOTHING_JERK_PSD_M2PS5 else to_profile(trip.matched, 1.0, jerk_psd_m2ps5)
+    def smoothed(jerk_ratio: float) -> DrivenMotion:
+        run = trip.run if jerk_ratio == 1.0 else to_profile(trip.matched, jerk_ratio)
         motion = DrivenMotion.of_run(run)
         return replace(motion, friction_j=_friction_j(table, motion.time_ns, motion.speed_mps))
 
@@ -349,7 +352,7 @@ def _blended_input_j(section: Section, run: Trajectory, friction_j: Floats) -> F
 
 
 Smoothed = Callable[[float], Sequence[DrivenLeg]]
-"""A function that returns the legs of a drive if its record is smoothed with another density of the jerk (m²/s⁵)."""
+"""A function that returns the legs of a drive if its record is smoothed with a multiple of the usual jerk density."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -365,10 +368,10 @@ class ComparedLeg:
     energies: LegEnergies
 
     @classmethod
-    def of(cls, leg: DrivenLeg, front: Front, energies: LegEnergies | None = None) -> ComparedLeg:
-        """A driven leg with the front of its section, and its energies if they are known already."""
-        energies = energies or leg_energies(front.section, leg)
-        return cls(leg=leg, front=front, optimum=front.trajectory(leg.trip_s), energies=energies)
+    def of(cls, leg: DrivenLeg, front: Front) -> ComparedLeg:
+        """A driven leg with the front of its section."""
+        optimum = front.trajectory(leg.trip_s)
+        return cls(leg=leg, front=front, optimum=optimum, energies=leg_energies(front.section, leg))
 
     @property
     def driven_j(self) -> float:
@@ -390,6 +393,11 @@ class ComparedLeg:
         found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
         # The measured train did run like this. If the planned train cannot, the measured one may have been lighter.
         return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
+
+
+def beside_optima(inputs: DriveInputs, legs: Iterable[DrivenLeg]) -> tuple[ComparedLeg, ...]:
+    """The legs with the optima of the planned train; DasError if that train cannot run there."""
+    return tuple(ComparedLeg.of(leg, solve_front(section_of_leg(inputs, leg))) for leg in legs)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -438,11 +446,10 @@ def _above_in_cases(legs: Sequence[ComparedLeg], smoothed: Smoothed | None) -> C
     """
     best_runs = [cache(partial(_best_run, one)) for one in legs]
     again = None if smoothed is None else cache(smoothed)
-    as_assumed = DrivenCase().jerk_psd_m2ps5
 
     def above_j(case: DrivenCase) -> float | None:
-        jerk, case = case.jerk_psd_m2ps5, replace(case, jerk_psd_m2ps5=as_assumed)
-        driven = [one.leg for one in legs] if again is None or jerk == as_assumed else again(jerk)
+        jerk_ratio, case = case.jerk_ratio, replace(case, jerk_ratio=1.0)
+        driven = [one.leg for one in legs] if again is None or jerk_ratio == 1.0 else again(jerk_ratio)
         total_j = 0.0
         for one, leg, best_run in zip(legs, driven, best_runs, strict=True):
             # If the braking was measured, the kind of braking is known.

@@ -164,7 +164,7 @@ class Driven:
         planned_s = [service.clock_s(one.arrival_ns) - service.clock_s(one.departure_ns) for one in service.timetables]
         fronts = zip(true_fronts(self.day), planned_s, strict=True)
         on_time_j = sum(front.trajectory(time_s).balance.input for front, time_s in fronts)
-        return energies.driven_j - energies.optimum_as_driven_j + on_time_j
+        return energies.above.difference_j + on_time_j
 
 
 @dataclass(frozen=True, kw_only=True)

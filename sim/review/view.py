@@ -6,7 +6,6 @@ Rerun need not be installed: modules that use it are imported when needed.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import signal
 import socket
@@ -32,9 +31,8 @@ CLOSING_S: Final = 5.0
 def save_view(drive: Drive, rrd_path: Path, language: Language = Language.EN) -> None:
     """Write a recording as a rerun file, with this project's layout; the display is in the given language.
 
-    Raises DasError if the recording has no positions, the place cannot be written to, or rerun is not installed.
+    Raises DasError if the recording has no positions or the place cannot be written to.
     """
-    _check_installed("rerun", "rerun_cli")
     if rrd_path.suffix.lower() != ".rrd":
         raise DasError(f"{rrd_path}: expected a file name that ends in .rrd")
     check_writable(rrd_path, overwrite=True)
@@ -48,7 +46,6 @@ def open_view(drive: Drive, language: Language = Language.EN) -> None:
     The viewer listens on 127.0.0.1 only and sends no usage data. Raises DasError as `save_view` does, and if there is
     no display.
     """
-    _check_installed("rerun", "rerun_cli")
     _check_display()
     with interrupted_by_termination(), tempfile.TemporaryDirectory(prefix="das-view-") as folder:
         with busy("solving the sections of the drive …"):
@@ -68,12 +65,6 @@ def _written(drive: Drive, folder: Path, language: Language) -> Path:
         out.flush()
     out.disconnect()
     return path
-
-
-def _check_installed(*names: str) -> None:
-    missing = [name for name in names if importlib.util.find_spec(name) is None]
-    if missing:
-        raise DasError(f"{missing[0]} is not installed: pip install '.[view]' in the checkout")
 
 
 def _check_display() -> None:

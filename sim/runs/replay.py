@@ -41,7 +41,7 @@ from sim.recording.course import OWN_TIMETABLE
 from sim.recording.opening import input_files, sha256
 from sim.trips.estimate import DrivenEstimate, DrivenPart, SmoothedParts, estimate_run
 from sim.trips.portal_stops import journey_file, trip_journey
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, DrivenRun, to_profile
+from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.trip import Trip, open_trip, trip_section
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location, sleep_until
 
@@ -243,7 +243,7 @@ def _on_the_way(trip: Trip, motion: DrivenMotion) -> tuple[KeptCall, ...]:
 
 def smoothed_legs(trip: Trip) -> Smoothed:
     """The legs of a trip under another smoothing of its record."""
-    return cache(lambda jerk_psd_m2ps5: driven_legs(trip, to_profile(trip.matched, 1.0, jerk_psd_m2ps5)))
+    return cache(lambda jerk_ratio: driven_legs(trip, to_profile(trip.matched, jerk_ratio)))
 
 
 def compared_legs(trip: Trip, section: Section) -> Smoothed:
@@ -258,7 +258,7 @@ def compared_legs(trip: Trip, section: Section) -> Smoothed:
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     motion = DrivenMotion.of_run(trip.run)
     calls = open_calls(trip.path, motion, trip.route, vehicle, _on_the_way(trip, motion))
-    return cache(lambda jerk: legs_of(trip.path, DrivenMotion.of_run(to_profile(trip.matched, 1.0, jerk)), calls))
+    return cache(lambda jerk: legs_of(trip.path, DrivenMotion.of_run(to_profile(trip.matched, jerk)), calls))
 
 
 def parts_of(legs: Smoothed) -> SmoothedParts:
@@ -272,7 +272,7 @@ def stated_parts(trip: Trip, section: Section) -> tuple[SmoothedParts, str]:
         legs = compared_legs(trip, section)
     except DasError:  # no part of an open trip can be compared with this train
         return parts_of(smoothed_legs(trip)), ""
-    made = legs(SMOOTHING_JERK_PSD_M2PS5)
+    made = legs(1.0)
     return parts_of(legs), part_between(made[0].start.name, made[-1].end.name)
 
 

@@ -15,14 +15,12 @@ from das.domain.errors import DasError
 from das.domain.units import NS, in_kwh, kwh
 from das.solver.section import Section
 from das.solver.solution import Fit
-from das.solver.solve import solve_front
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, percent_of_optimum
-from sim.drive.legs import ComparedLeg, LikelyRange, Smoothed, likely_range, section_of_leg
+from sim.drive.legs import ComparedLeg, LikelyRange, Smoothed, beside_optima, likely_range
 from sim.recording.opening import DriveInputs
 from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
 from sim.trips.cleaning import FindingKind
 from sim.trips.estimate import ESTIMATE_FOREIGN_RATIO, EnergyRange, doubt, energy_range
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5
 from sim.trips.report import direction_by_posts, doubt_words, part_words, unknowns
 from sim.trips.trip import Trip
 
@@ -75,8 +73,7 @@ def beside_optimum(trip: Trip, section: Section, smoothed: Smoothed) -> tuple[tu
     """
     vehicle = replace(section.vehicle, train_length_m=section.train_length_m)
     inputs = DriveInputs(route=trip.route, vehicle=vehicle, level=section.level, source=str(trip.path))
-    driven = smoothed(SMOOTHING_JERK_PSD_M2PS5)
-    legs = tuple(ComparedLeg.of(leg, solve_front(section_of_leg(inputs, leg))) for leg in driven)
+    legs = beside_optima(inputs, smoothed(1.0))
     sections = [one.section_energy for one in legs]
     return legs, AboveOptimum.of(sections, measured=False, direction_known=trip.direction_known)
 

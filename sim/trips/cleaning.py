@@ -19,6 +19,11 @@ from das.domain.units import NS
 from sim.recording.course import stretches_of, utc
 from sim.trips.record import Bools, Ints, Record
 
+MAX_CROSS_TRACK_M: Final = 200.0
+"""Largest distance (m) from the line of a point that counts as on the line. Lines through kilometre posts cut curves:
+by 62 m at 2 km radius."""
+SCALE_TOLERANCE_RATIO: Final = 0.01
+"""Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 MAX_BACKWARD_M: Final = 30.0
 """Length (m) up to which steps back are noise; a longer step is a turn of the train, or a jump."""
 STRAY_WEIGHT: Final = 3.0

@@ -21,7 +21,6 @@ from das.domain.trajectory import EnergyBalance, Trajectory, mean_resistance_n
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5
 
 ESTIMATE_BEYOND_RATIO: Final = 1.05
 """Multiple of the vehicle's envelope above which a force exceeds its capability."""
@@ -183,7 +182,7 @@ class DrivenCase:
     resistance_ratio: float = 1.0
     head_wind_mps: float = 0.0
     all_friction: bool = False
-    jerk_psd_m2ps5: float = SMOOTHING_JERK_PSD_M2PS5
+    jerk_ratio: float = 1.0
 
     def train(self, vehicle: Vehicle) -> Vehicle:
         """The train in this case."""
@@ -217,10 +216,7 @@ _OTHER_UNKNOWNS: tuple[_UnknownEnds, ...] = (
     (
         "smoothing of the record",
         f"1/{ESTIMATE_SMOOTHING_RATIO:g} to {ESTIMATE_SMOOTHING_RATIO:g} times as strong",
-        (
-            {"jerk_psd_m2ps5": SMOOTHING_JERK_PSD_M2PS5 / ESTIMATE_SMOOTHING_RATIO},
-            {"jerk_psd_m2ps5": SMOOTHING_JERK_PSD_M2PS5 * ESTIMATE_SMOOTHING_RATIO},
-        ),
+        ({"jerk_ratio": 1.0 / ESTIMATE_SMOOTHING_RATIO}, {"jerk_ratio": ESTIMATE_SMOOTHING_RATIO}),
     ),
 )
 _DIGITS = 3
@@ -256,7 +252,7 @@ class DrivenPart(NamedTuple):
 
 
 SmoothedParts = Callable[[float], Sequence[DrivenPart]]
-"""A function that returns the parts of a trip if its record is smoothed with another density of the jerk (m²/s⁵)."""
+"""A function that returns the parts of a trip if its record is smoothed with a multiple of the usual jerk density."""
 
 
 def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.0) -> EnergyRange:
@@ -270,7 +266,7 @@ def energy_range(section: Section, parts: SmoothedParts, doubt_ratio: float = 0.
     @cache
     def driven_j(case: DrivenCase) -> float:
         other = replace(section, vehicle=case.train(section.vehicle), brakes=case.brakes(section))
-        return sum(estimate_run(other, *part).balance.input for part in smoothed(case.jerk_psd_m2ps5))
+        return sum(estimate_run(other, *part).balance.input for part in smoothed(case.jerk_ratio))
 
     unknowns = one_by_one(driven_j, doubt_ratio)
     low_j, high_j = (_outermost(driven_j, sign, _all_unknowns(doubt_ratio)) for sign in (-1.0, 1.0))

@@ -13,6 +13,7 @@ from das.domain.errors import DasError, InputError
 from das.domain.route import Floats, Route
 from das.domain.units import KM
 from precompute.polylines import nearest_on_segments
+from sim.trips.cleaning import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO
 from sim.trips.record import LARGEST_DEG, LATITUDE_NAMES, LONGITUDE_NAMES, CellTable, check_column, number
 
 COLUMNS: Final = {
@@ -21,11 +22,6 @@ COLUMNS: Final = {
     "kilometre": ("kilometre", "kilometer", "km", "position_km"),
 }
 """The quantities in a list of kilometre posts, and the possible names of their columns."""
-MAX_CROSS_TRACK_M: Final = 200.0
-"""Largest distance (m) from the line of a point that counts as on the line. Lines through kilometre posts cut curves:
-by 62 m at 2 km radius."""
-SCALE_TOLERANCE_RATIO: Final = 0.01
-"""Largest relative difference of matched length and distance between the stops for scaling the kilometrage."""
 _LENGTH_TOLERANCE_RATIO: Final = 0.3
 """Share by which the distance between two posts on the map may differ from their difference in kilometres."""
 _PAIRS_AT_ONCE: Final = 1_000_000

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Any, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -21,14 +21,18 @@ from sim.trips.cleaning import (
     LEAST_KEPT_RATIO,
     LOST_S,
     MAX_BACKWARD_M,
+    MAX_CROSS_TRACK_M,
+    SCALE_TOLERANCE_RATIO,
     STALL_HALF_WINDOW_S,
     WRONG_SPEED_MPS,
     CleaningReport,
     FindingKind,
     FindingLog,
 )
-from sim.trips.line import MAX_CROSS_TRACK_M, SCALE_TOLERANCE_RATIO, Line
 from sim.trips.record import Bools, Ints, Record
+
+if TYPE_CHECKING:
+    from sim.trips.line import Line
 
 RECORD_STANDS_MPS: Final = 1.0 * KMH
 """Reported speed (m/s) below which a train counts as standing if its positions do not move."""

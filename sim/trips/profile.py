@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from sim.trips.matching import MatchedTrip
     from sim.trips.record import Bools
 
+STEP_S: Final = 1.0
+"""Time (s) between the samples of a run."""
 SMOOTHING_JERK_PSD_M2PS5: Final = 0.03
 """Spectral density of the white-noise jerk (m²/s⁵). With `SMOOTHING_SPEED_SIGMA_MPS`, it makes the smoothing act like a
 local fit over about 8 s, with the time constant (σ²/psd)^¼ ≈ 1.7 s."""
@@ -71,33 +73,31 @@ class DrivenRun:
         return float(self.speed_mps[~self.inferred].max())
 
 
-def to_profile(
-    matched: MatchedTrip, step_s: float = 1.0, jerk_psd_m2ps5: float = SMOOTHING_JERK_PSD_M2PS5
-) -> DrivenRun:
-    """Resample a trip from departure to arrival in steps of `step_s`, smooth and consistent.
+def to_profile(matched: MatchedTrip, jerk_ratio: float = 1.0) -> DrivenRun:
+    """Resample a trip from departure to arrival in steps of 1 s, smooth and consistent.
 
     GPS receivers filter the speed, which delays it by seconds. The lag is estimated by sliding the integrated speed
     against the positions; departure and arrival were found from the speed and are corrected by the lag. The run is then
-    the likeliest motion under white jerk of density `jerk_psd_m2ps5` (Kalman filter and Rauch–Tung–Striebel smoother
-    for s, v, a). A single position has little weight, but positions dominate over long distances; speeds have more
-    weight and determine the detail over about 8 s. Positions and the motion model bridge dropouts, the motion model
-    alone bridges gaps. An end at which the train stands is exact in position and speed; such an arrival is moved to the
-    next step. Negative speeds become 0, and
-    s is integrated from the speed. Raises DasError for a run shorter than 3 steps.
+    the likeliest motion under white jerk of the usual density times `jerk_ratio` (Kalman filter and Rauch–Tung–Striebel
+    smoother for s, v, a). A single position has little weight, but positions dominate over long distances; speeds have
+    more weight and determine the detail over about 8 s. Positions and the motion model bridge dropouts, the motion
+    model alone bridges gaps. An end at which the train stands is exact in position and speed; such an arrival is moved
+    to the next step. Negative speeds become 0, and s is integrated from the speed. Raises DasError for a run shorter
+    than 3 steps.
     """
     valid = ~matched.invalid
     time_s, place_m, dropout = matched.elapsed_s()[valid], matched.s_m[valid], matched.dropout[valid]
     lag = speed_lag_s(time_s, place_m, matched.speed_mps[valid])
     begin, end = _run_times(matched, lag)
-    count = (end - begin) / step_s
+    count = (end - begin) / STEP_S
     steps = int(np.ceil(count - 1e-6) if matched.ends.ends_standing else np.floor(count + 1e-6))
     if steps < 3:
-        raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * step_s:g} s")
-    grid = np.arange(steps + 1, dtype=np.float64) * step_s
+        raise DasError(f"{matched.source}: a run of {end - begin:g} s is too short, expected at least {3 * STEP_S:g} s")
+    grid = np.arange(steps + 1, dtype=np.float64) * STEP_S
     position, nowhere = _joined(begin + grid, time_s, place_m, SMOOTHING_MAX_POSITION_GAP_S)
     seen = ~dropout
     speed, unseen = _joined(begin + grid, time_s[seen] - lag, matched.speed_mps[valid][seen], SMOOTHING_MAX_SPEED_GAP_S)
-    variance = np.full((2, steps + 1), [[SMOOTHING_POSITION_SIGMA_M**2], [SMOOTHING_SPEED_SIGMA_MPS**2]]) / step_s
+    variance = np.full((2, steps + 1), [[SMOOTHING_POSITION_SIGMA_M**2], [SMOOTHING_SPEED_SIGMA_MPS**2]]) / STEP_S
     variance[0, nowhere], variance[1, unseen] = np.inf, np.inf
     ends = (
         (0, matched.ends.departure, matched.ends.starts_standing),
@@ -107,13 +107,13 @@ def to_profile(
         if standing:
             position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING_EXACT**2
     inferred = np.isinf(variance[0]) & np.isinf(variance[1])
-    smooth = _smoothed(step_s, position, speed, variance, jerk_psd_m2ps5)
-    s, v = _integrated(matched, position, np.maximum(smooth, 0.0), step_s)
+    smooth = _smoothed(STEP_S, position, speed, variance, SMOOTHING_JERK_PSD_M2PS5 * jerk_ratio)
+    s, v = _integrated(matched, position, np.maximum(smooth, 0.0), STEP_S)
     return DrivenRun(
         time_s=grid,
         s_m=s,
         speed_mps=v,
-        acceleration_mps2=np.gradient(v, step_s),
+        acceleration_mps2=np.gradient(v, STEP_S),
         start_time_ns=int(matched.time_ns[0]) + round(begin / NS),
         dropout=np.interp(begin + grid, time_s - lag, dropout.astype(float)) > 0,
         inferred=inferred,

@@ -29,7 +29,7 @@ from sim.trips.estimate import (
     estimate_run,
     strongest_held_n,
 )
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, SMOOTHING_MAX_POSITION_GAP_S
+from sim.trips.profile import SMOOTHING_MAX_POSITION_GAP_S
 from sim.trips.trip import Trip
 
 LEGEND: Final = {"from, to": "least and greatest possible energy, with all unknowns at their limits"}
@@ -107,7 +107,7 @@ def _energy(trip: Trip, section: Section, parts: SmoothedParts) -> dict[str, Any
     driven = estimate_run(section, run.time_s, run.s_m, run.speed_mps)
     spread = energy_range(section, parts, doubt(driven.beyond_ratio, driven.lacking_ratio))
     traction_n, braking_n = strongest_held_n(driven, run.inferred)
-    terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(SMOOTHING_JERK_PSD_M2PS5)]
+    terms = [estimate_run(section, *part).balance.as_kwh() for part in parts(1.0)]
     return {
         "vehicle": section.vehicle.name,
         "level": str(section.level),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,10 +23,12 @@ from sim.options import TripOptions
 from sim.recording.course import DrivenCourse, stood_ns
 from sim.recording.opening import AttachedFiles
 from sim.trips.cleaning import LEAST_KEPT_RATIO, FindingKind, FindingLog, find_gaps, in_order
-from sim.trips.line import Line, read_kilometre_posts
 from sim.trips.matching import AT_PLATFORM_M, WANDER_M, MatchedTrip, match_trip, runs_back, stands
 from sim.trips.profile import DrivenRun, to_profile
 from sim.trips.record import Reading, Record, read_trip, reading_of
+
+if TYPE_CHECKING:
+    from sim.trips.line import Line
 
 SHORTEST_STAND_S: Final = 5.0
 """Shortest stand (s) on the way that is reported: at 1 Hz a shorter one may be a single slow point."""
@@ -189,6 +191,8 @@ def _line(record: Record, driven: Route, posts: Path | None) -> Line | None:
         if posts is not None:
             raise DasError(f"--posts {posts}: not needed, {record.source} has positions on the route")
         return None
+    from sim.trips.line import Line, read_kilometre_posts
+
     return read_kilometre_posts(posts).placed(driven) if posts is not None else Line.from_route(driven)
 
 

@@ -32,7 +32,7 @@ from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.recording.opening import DriveInputs, sha256
 from sim.world.disturbances import described
 from sim.world.lockstep import Lockstep, Processes, Traffic, happened, location
-from sim.world.loop import BEFORE_S, TRAIN, InProcess, Progress, Run, Tick, Told, World
+from sim.world.loop import BEFORE_S, Progress, Run, Tick, Told, World
 from sim.world.outcome import above_optimum
 from sim.world.service import Day, Service, load_of, scenario_files
 
@@ -120,6 +120,8 @@ def drive_day(
         kept, table = drive_kept(day, driver, how, progress)
         return DayRun(kept, table=table)
     if out is None:
+        from sim.world.in_process import InProcess  # and with it the cab, which the node has in other runs
+
         link = InProcess(day.service, guide=presenter_of(how.advice).needs_guide)
         return DayRun(World(day, driver, how.advice, link, how.screen).run(progress))
     processes = make_processes(day, how, out)
@@ -137,6 +139,8 @@ def drive_day(
 
 def drive_kept(day: Day, driver: Driver, how: How, progress: Progress | None = None) -> tuple[Run, DriveTable]:
     """Simulate a run in this process, and make the table of the drive; DasError if the train does not arrive."""
+    from sim.world.in_process import TRAIN, InProcess
+
     service = day.service
     link = InProcess(service, guide=presenter_of(how.advice).needs_guide, recorded=partial(only_recorded, day))
     run = World(day, driver, how.advice, link, how.screen).run(progress)

@@ -274,8 +274,8 @@ class Answers:
         return self.controls is not None and self.controls.look == look
 
 
-START_TIMEOUT_S = 120.0
-"""Longest wait (s) for the start: the node compiles its solver the first time on a machine."""
+START_TIMEOUT_S = 300.0
+"""Longest wait (s) for the start: the node compiles the guide the first time on a machine, beside other processes."""
 ANSWER_TIMEOUT_S = 10.0
 """Longest wait (s) for an answer of node or recorder once both have started."""
 HEARD_EVERY_S = 0.2

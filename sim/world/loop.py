@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from das.advice.advice import Advice
-from das.bus import codec
-from das.bus.recording import Stamped
-from das.bus.topics import Topic
-from das.cab.cab import Cab, CabSettings
-from das.cab.heard import STATES, Heard, Kind
-from das.cab.orders import Post, Trains
-from das.cab.situation import Situation
+from das.cab.heard import Heard
 from das.domain.errors import DasError
 from sim.drive.calls import KeptCall
 from sim.drive.figures import AdviceStability, ShownWatch
@@ -27,7 +20,7 @@ from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST
 from sim.world.lockstep import Counts
 from sim.world.scenario import EarlyDeparture
-from sim.world.service import Day, Service
+from sim.world.service import Day
 from sim.world.surroundings import Surroundings
 
 if TYPE_CHECKING:
@@ -244,78 +237,3 @@ def _in_part(day: Day, presentation: Presentation) -> tuple[PaperSheet | None, S
     from sim.world.simpler import PaperSheet, SimplerDisplays  # and with them the offline planner of sheets
 
     return PaperSheet(day) if on_paper else None, SimplerDisplays(day.service) if in_part else None
-
-
-TRAIN = "train"
-"""Name of the train whose advice is computed within the process."""
-
-
-Recorded = Callable[[int, Told], Iterable[tuple[Topic, Any]]]
-"""A function that returns the messages of a tick that are only recorded; called with the time (ns since 1970)."""
-
-
-class InProcess:
-    """The link to an on-board system in this process, which receives the same messages as over a bus.
-
-    With `recorded`, `messages` has all messages that a recorder would write, by topic; else nothing is kept.
-    """
-
-    def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
-        self._service, self._guide, self._recorded = service, guide, recorded
-        self._kept: dict[Kind, Heard] = {}
-        self._judged_ns = 0
-        self.messages: dict[str, list[Stamped]] = {}
-        self.restart()
-        began_ns = service.moment_ns(-BEFORE_S)
-        journey = service.journey(TRAIN, began_ns)
-        self._hear(journey)
-        self.keep(*codec.encode_input(journey), began_ns)
-
-    def restart(self) -> None:
-        """Start a new on-board system, which receives only messages kept by the bus: journey, restrictions, targets."""
-        service = self._service
-        situation = Situation(
-            route=service.route,
-            vehicle=service.vehicle,
-            level=service.level,
-            braking=service.scenario.braking,
-        )
-        trains = Trains(service.vehicle, service.vehicle)
-        post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
-        calibrate = service.scenario.sensors.force_noise_ratio is not None
-        self.cab = Cab(post, situation, service.onboard, CabSettings(calibrate=calibrate, guide=self._guide))
-        """The on-board system."""
-        self._judged_ns = 0
-        for heard in list(self._kept.values()):
-            self._hear(heard)
-
-    def exchange(self, tick: Tick) -> Advice:
-        """The advice for a tick."""
-        for heard in tick.told:
-            self._hear(heard)
-        outputs = self.cab.tick(tick.now_ns)
-        self._judged_ns = tick.now_ns
-        if self._recorded is not None:
-            sent = [*map(codec.encode_input, tick.told), *(codec.encode_output(one, tick.number) for one in outputs)]
-            for topic, message in sent:
-                self.keep(topic, message, tick.now_ns)
-        advice = outputs[-1]
-        assert isinstance(advice, Advice)
-        return advice
-
-    def newest(self) -> None:
-        """Return None: `exchange` has returned all advice."""
-
-    def tell(self, now_ns: int, told: Told) -> None:
-        """Keep the messages that the on-board system does not receive, if messages are kept."""
-        for topic, message in () if self._recorded is None else self._recorded(now_ns, told):
-            self.keep(topic, message, now_ns)
-
-    def keep(self, topic: Topic, message: Any, now_ns: int) -> None:
-        """Keep a message that was sent at a time (ns since 1970)."""
-        self.messages.setdefault(topic.name, []).append(Stamped(now_ns, message))
-
-    def _hear(self, heard: Heard) -> None:
-        if heard.kind in STATES:
-            self._kept[heard.kind] = heard
-        self.cab.hear(replace(heard, heard_ns=self._judged_ns))

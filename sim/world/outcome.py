@@ -121,19 +121,9 @@ class RunEnergies:
     no_own_braking: str = ""
 
     @property
-    def driven_j(self) -> float:
-        """Energy from departure to arrival, summed over the sections (J)."""
-        return self.above.driven_j
-
-    @property
-    def optimum_as_driven_j(self) -> float:
-        """Least energy of the true train for the times that the sections took (J)."""
-        return self.above.optimum_j
-
-    @property
     def profile_j(self) -> float:
         """Energy above the optimum (J), without the part due to friction brakes where the motors could have braked."""
-        return self.driven_j - self.optimum_as_driven_j - self.blending_j
+        return self.above.difference_j - self.blending_j
 
     def as_dict(self) -> dict[str, Any]:
         """The energies (kWh), for programs."""
@@ -358,9 +348,9 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
     found, energies = result.outcome, result.outcome.energies
     braking, own_j = "this driver" if result.driver is DriverKind.HUMAN else "advised", energies.own_braking_j
     rows = [
-        ("energy, departures to arrivals", kwh_words(energies.driven_j)),
+        ("energy, departures to arrivals", kwh_words(energies.above.driven_j)),
         ("  optimum of the plan", kwh_words(energies.planned_j)),
-        ("  optimum for the times as driven", kwh_words(energies.optimum_as_driven_j)),
+        ("  optimum for the times as driven", kwh_words(energies.above.optimum_j)),
         ("  above that optimum", energies.above.words),
         ("    friction where motors could brake", kwh_words(energies.blending_j, signed=True)),
         ("    speed profile", kwh_words(energies.profile_j, signed=True)),

@@ -10,11 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from das.advice.advice import Timetable
 from das.cab.heard import JourneyHeard
-from das.cab.preparation import Fronts
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
@@ -25,7 +24,6 @@ from das.domain.levels import Level
 from das.domain.route import Route, Stop, section_stops
 from das.domain.units import KM, NS
 from das.domain.vehicle import Vehicle
-from das.offline.asked_journey import Journey
 from das.solver.front import Front
 from das.solver.section import Section, build_section, with_braking
 from das.solver.solution import Solution
@@ -41,8 +39,9 @@ from sim.recording.opening import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
 from sim.world.scenario import Scenario, Truth
 
-KEPT_BYTES = 300_000_000
-"""Largest total size (bytes) of the fronts that are kept for runs without a bus."""
+if TYPE_CHECKING:
+    from das.offline.asked_journey import Journey
+
 TIMETABLE_STEP_S = 6.0
 """Step (s) to which running times in timetables are rounded up, a tenth of a minute."""
 LATEST_TIME_S = 10 * 86_400.0
@@ -58,8 +57,7 @@ PLANNED = (
 class Service:
     """The planned service: stops in the order of travel, and front, timetable and best trajectory of each section.
 
-    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if any. `onboard` keeps the
-    fronts for the on-board system in runs without a bus.
+    `dwells_s` has the least dwell (s) at each stop; `passings` are those of the journey, if any.
     """
 
     scenario: Scenario
@@ -73,7 +71,6 @@ class Service:
     planned: tuple[Solution, ...]
     line: LineKnowledge
     passings: tuple[DuePassing, ...] = ()
-    onboard: Fronts = field(default_factory=lambda: Fronts(kept_bytes=KEPT_BYTES))
     true_fronts: dict[Conditions, tuple[Front, ...]] = field(default_factory=dict)
     """The fronts of the true train for the conditions of a run (see `sim.world.outcome`)."""
     braking_fronts: dict[tuple[Conditions, ServiceBraking], tuple[Front, ...]] = field(default_factory=dict)

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.loop import InProcess, World
+from sim.world.in_process import InProcess
+from sim.world.loop import World
 from sim.world.outcome import outcome
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service

@@ -16,7 +16,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import Command
 from sim.plant.plant import lever
 from sim.world import loop
-from sim.world.loop import InProcess, Tick, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Tick, World
 from sim.world.service import make_day
 from tests.support.crossing import few
 from tests.support.flat_days import FLAT, Alone, run_of, service_of, signal_at, standing_m, states_of

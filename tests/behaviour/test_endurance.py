@@ -18,7 +18,8 @@ from das.bus import das_pb2
 from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, STATUS
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.loop import InProcess, World
+from sim.world.in_process import InProcess
+from sim.world.loop import World
 from sim.world.outcome import fronts_of_braking
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service

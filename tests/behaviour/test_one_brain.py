@@ -22,8 +22,9 @@ from das.estimate.estimate import PositionFix, Quality
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.world.driving import How, OverBus, make_processes
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Lockstep
-from sim.world.loop import InProcess, Link, Tick, Told, World
+from sim.world.loop import Link, Tick, Told, World
 from sim.world.scenario import bundled_scenarios, read_scenario
 from sim.world.service import Day, make_day, prepare_service
 

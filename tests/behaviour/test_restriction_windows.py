@@ -16,7 +16,8 @@ from sim.drive.limits import Violations
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
-from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, World
 from sim.world.service import make_day
 from sim.world.surroundings import DayNews
 from tests.support.flat_days import service_of

@@ -37,7 +37,8 @@ from sim.world.disturbances import (
     SlipperyRail,
     TrainAhead,
 )
-from sim.world.loop import InProcess, Run, Tick, Told, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, Told, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import Drawn, Scenario, bundled_scenarios, load_scenario
 from sim.world.service import Day, Service, make_day
@@ -222,7 +223,7 @@ def test_half_the_step_changes_the_energy_little() -> None:
     run = World(
         day, make_driver(DriverKind.PERFECT, service.line), Presentation.SPEED_AND_EFFORT, InProcess(service)
     ).run()
-    energy_kwh = kwh(outcome(day, run).energies.driven_j)
+    energy_kwh = kwh(outcome(day, run).energies.above.driven_j)
     assert energy_kwh == pytest.approx(drive("clear-day").figures["energy_kwh"], rel=5e-4)
 
 
@@ -332,7 +333,7 @@ def test_a_told_target_avoids_the_stop_at_the_signal_and_costs_less_than_stoppin
     ).run()
     slowest = min(state.speed_mps for state in run.states if 31_000 < state.s_m < ahead.at_m)
     assert slowest < 5 < speed_mps[(s_m > 31_000) & (s_m < ahead.at_m)].min()
-    assert kwh(outcome(day, run).energies.driven_j) > driven.figures["energy_kwh"]
+    assert kwh(outcome(day, run).energies.above.driven_j) > driven.figures["energy_kwh"]
     assert run.calls[-1].late_s > driven.late_s()[-1] - 1.0
 
 

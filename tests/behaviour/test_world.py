@@ -40,8 +40,9 @@ from das.domain.units import KMH, NS, kwh
 from sim.drive.drive import Drive
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Counts, Traffic
-from sim.world.loop import InProcess, Tick, World
+from sim.world.loop import Tick, World
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
 from tests.support.flat_days import Alone, service_of

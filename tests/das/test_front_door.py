@@ -68,6 +68,7 @@ def test_functions_take_few_parameters_and_are_typed() -> None:
         ("import sim", ("numpy", "numba", "zenoh", "mcap")),
         ("import das; das.load_route('flat-6km')", ("numba", "zenoh", "mcap")),
         ("import das; das.read_recording; das.DasError", ("numba", "zenoh")),
+        ("import sim.cli.run, sim.world.driving, sim.drivers.human", ("das.cab.cab", "das.advice.guide.guide")),
     ],
 )
 def test_only_what_is_used_is_imported(statement: str, not_loaded: tuple[str, ...]) -> None:

@@ -22,7 +22,8 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import SpeedIs, presenter_of
 from sim.plant.kernels import Command
-from sim.world.loop import LOOK_S, InProcess, World
+from sim.world.in_process import InProcess
+from sim.world.loop import LOOK_S, World
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, make_day
 from tests.support.flat_days import service_for

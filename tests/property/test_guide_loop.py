@@ -20,7 +20,8 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import HumanParameters
 from sim.drivers.presentations.presenter import Shown
-from sim.world.loop import InProcess, Run, Tick, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, World
 from sim.world.scenario import load_scenario
 from sim.world.service import Service, make_day, prepare_service
 from tests.support.crossing import numbered

@@ -10,7 +10,8 @@ from tempfile import mkdtemp
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.plant.kernels import PlantState
-from sim.world.loop import InProcess, Run, Tick, Told, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, Tick, Told, World
 from sim.world.scenario import Scenario, read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 

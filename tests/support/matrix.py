@@ -26,7 +26,8 @@ from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.kernels import Command
-from sim.world.loop import LOOK_S, InProcess, Run, World
+from sim.world.in_process import InProcess
+from sim.world.loop import LOOK_S, Run, World
 from sim.world.outcome import above_optimum, fronts_of_braking, optimum_as_driven
 from sim.world.service import Day, make_day
 from tests.support.flat_days import Alone

@@ -14,7 +14,8 @@ from sim.plant.kernels import Command
 from sim.plant.plant import speed
 from sim.recording.opening import DriveInputs
 from sim.world.driving import How, drive_kept
-from sim.world.loop import TRAIN, Run
+from sim.world.in_process import TRAIN
+from sim.world.loop import Run
 from sim.world.service import Day
 
 

@@ -46,7 +46,7 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
 
     Raises DasError for a design that differs from the frozen one, and as `drive` does.
     """
-    from das.cab.cab import warm_up
+    from das.solver.warm_up import warm_up
 
     design = load_design(given.design)
     check_frozen(design, Path(given.folder), resolved(design))

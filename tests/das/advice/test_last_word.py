@@ -41,7 +41,7 @@ from das.domain.vehicle import BrakePolicy
 from das.estimate.estimate import Estimate
 from das.solver.section import build_section
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.loop import InProcess
+from sim.world.in_process import InProcess
 from sim.world.loop import World as ClosedLoop
 from sim.world.scenario import load_scenario
 from sim.world.service import make_day

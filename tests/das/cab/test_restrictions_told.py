@@ -13,7 +13,8 @@ from das.bus.topics import ADVICE, CONTROL, JOURNEY, POSITION, RESTRICTION, STAT
 from das.cab.cab import CabSettings
 from das.cab.heard import PositionHeard, RestrictionsHeard
 from das.estimate.estimate import PositionFix
-from sim.world.loop import InProcess, Tick
+from sim.world.in_process import InProcess
+from sim.world.loop import Tick
 from tests.support.driven_node import START_NS, DrivenNode, S, journey, restrictions
 from tests.support.flat_days import FLAT, service_of
 from tests.support.node_process import a_journey, node, status, until

@@ -18,7 +18,8 @@ from sim.drivers.messages import CabLook, cab_message
 from sim.drivers.presentations.presenter import presenter_of
 from sim.plant.kernels import Command
 from sim.plant.plant import COAST
-from sim.world.loop import InProcess, World
+from sim.world.in_process import InProcess
+from sim.world.loop import World
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, lay_out, make_day
 from tests.support.desk_page import CONTRASTS, DeskPage, chromium, picture

@@ -15,7 +15,8 @@ from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import OwnClass, Presentation
 from sim.drivers.knowledge import LineKnowledge
 from sim.drivers.own_class import load_class
-from sim.world.loop import InProcess, Run, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
 from sim.world.outcome import outcome
 from sim.world.service import Day
 from tests.support.crossing import crossed, few

@@ -139,9 +139,9 @@ def test_a_perfect_driver_has_no_lever_and_no_diary_and_nearly_no_gap() -> None:
     found, energies = measured(driven, list(MEASURES)), driven.outcome.energies
     assert found["control_movements_per_min"] is None
     assert found["glances_per_min"] is None
-    assert found["gap_to_optimum_ratio"] == pytest.approx(energies.driven_j / energies.optimum_as_driven_j - 1.0)
+    assert found["gap_to_optimum_ratio"] == pytest.approx(energies.above.driven_j / energies.above.optimum_j - 1.0)
     assert energies.own_braking_j is not None
-    assert energies.optimum_as_driven_j < energies.own_braking_j < energies.driven_j < 1.03 * energies.own_braking_j
+    assert energies.above.optimum_j < energies.own_braking_j < energies.above.driven_j < 1.03 * energies.own_braking_j
 
 
 def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
@@ -161,7 +161,7 @@ def test_the_true_train_does_not_change_with_the_losses_of_the_advice() -> None:
         energies = driven.outcome.energies
         gaps[level] = energies.above.ratio
         time_s = driven.outcome.running_time_s
-        assert energies.optimum_as_driven_j == pytest.approx(own.fronts[0].trajectory(time_s).balance.input, rel=1e-12)
+        assert energies.above.optimum_j == pytest.approx(own.fronts[0].trajectory(time_s).balance.input, rel=1e-12)
     assert gaps[Level.L1] is not None
     assert gaps[None] is not None
     assert gaps[Level.L1] > gaps[None] + 0.001

@@ -11,6 +11,7 @@ from das.advice.wording import Language
 from das.bus import topics
 from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
+from sim.cli.review import view as view_command
 from sim.drive.drive import Drive
 from sim.review import view
 from tests.support.recordings import write_recording
@@ -44,17 +45,15 @@ def test_without_rerun_or_display(whole: Path, tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(view.sys, "platform", "linux")
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: object())
     with pytest.raises(DasError, match="no display"):
         view.open_view(Drive.read(whole))
-    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(DasError, match=r"rerun is not installed.*\[view\]"):
-        view.save_view(Drive.read(whole), tmp_path / "view.rrd")
+        view_command(whole, save=tmp_path / "view.rrd")
 
 
 def test_the_viewer_leaves_the_handlers_of_signals_as_they_were(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before, during = [signal.getsignal(number) for number in STOP_SIGNALS], []
-    monkeypatch.setattr(view, "_check_installed", lambda *_: None)
     monkeypatch.setattr(view, "_check_display", lambda: None)
     monkeypatch.setattr(view, "_written", lambda *_: None)
     monkeypatch.setattr(

@@ -41,10 +41,11 @@ from sim.trips.estimate import (
     estimate_run,
     strongest_held_n,
 )
-from sim.trips.profile import SMOOTHING_JERK_PSD_M2PS5, to_profile
+from sim.trips.profile import to_profile
 from sim.trips.trip import Trip
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Traffic
-from sim.world.loop import InProcess, World
+from sim.world.loop import World
 from tests.support.dirt import LENGTH_M, Point, all_together, clean, dropouts, late_end, on_route, spikes, write
 from tests.support.flat_days import flat_day
 from tests.support.made_line import north, posts_file, route
@@ -250,15 +251,15 @@ def likely_above(
     Of a trip that took a shorter time where that is given (s), and of a train that lacks this share of a force.
     """
 
-    def legs(jerk_psd_m2ps5: float) -> list[DrivenLeg]:
-        (leg,) = driven_legs(trip, to_profile(trip.matched, jerk_psd_m2ps5=jerk_psd_m2ps5))
+    def legs(jerk_ratio: float) -> list[DrivenLeg]:
+        (leg,) = driven_legs(trip, to_profile(trip.matched, jerk_ratio))
         if shortest_s is None:
             return [leg]
         ratio, time_ns = shortest_s / leg.trip_s, leg.motion.time_ns
         faster_ns = time_ns[0] + np.rint(ratio * (time_ns - time_ns[0])).astype(np.int64)
         return [replace(leg, motion=replace(leg.motion, time_ns=faster_ns))]
 
-    (found,) = [ComparedLeg.of(one, front) for one in legs(SMOOTHING_JERK_PSD_M2PS5)]
+    (found,) = [ComparedLeg.of(one, front) for one in legs(1.0)]
     lacks = replace(found.energies, beyond_s=lacking_ratio * found.leg.trip_s, lacking_ratio=lacking_ratio)
     above_j = found.driven_j - found.optimum.balance.input
     return above_j, likely_range([replace(found, energies=lacks)], legs)

@@ -20,7 +20,8 @@ from sim.drivers.parameters import HumanParameters
 from sim.experiment.driving import drive
 from sim.experiment.one_line import DaysAsked
 from sim.experiment.trials import trials_of
-from sim.world.loop import InProcess, Told, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Told, World
 from sim.world.outcome import outcome
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, lay_out, make_day, scenario_files

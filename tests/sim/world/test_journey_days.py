@@ -28,7 +28,8 @@ from sim.drive.calls import (
 )
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
-from sim.world.loop import InProcess, Run, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
 from sim.world.outcome import DayOutcome, DayResult, outcome, print_result
 from sim.world.scenario import load_scenario, read_scenario
 from sim.world.service import Day, load_of, make_day, prepare_service, scenario_files

@@ -15,7 +15,8 @@ from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
 from sim.plant.kernels import Command
 from sim.plant.plant import lever
-from sim.world.loop import InProcess, Tick, Told, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Tick, Told, World
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
 from tests.support.flat_days import FLAT, flat_day

@@ -17,8 +17,9 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drive.figures import AdviceStability
 from sim.drive.limits import Violations
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.world.in_process import InProcess
 from sim.world.lockstep import Traffic
-from sim.world.loop import InProcess, Run, World
+from sim.world.loop import Run, World
 from sim.world.outcome import SHARES, DayOutcome, DayResult, outcome, print_result, shares, true_fronts
 from sim.world.scenario import read_scenario
 from sim.world.service import Day, Service, make_day, prepare_service
@@ -150,7 +151,7 @@ def test_a_plan_with_other_losses_is_compared_with_the_optimum_of_the_true_ones(
     efficient, true = (outcome(*driven(service_at(path, level))) for level in (Level.L1, None))
     assert (efficient.level, true.level) == ("l1", "l3")
     of_map = service_at(path).fronts[0].trajectory(efficient.running_time_s)
-    assert efficient.energies.optimum_as_driven_j == pytest.approx(of_map.balance.input, rel=1e-12)
+    assert efficient.energies.above.optimum_j == pytest.approx(of_map.balance.input, rel=1e-12)
     gaps = [found.energies.above.ratio for found in (efficient, true)]
     assert all(gap is not None and 0.0 < gap < 0.05 for gap in gaps)
     # The plan of the wrong level cannot be better for the train than the plan of its own.
@@ -161,7 +162,7 @@ def test_a_heavier_train_has_a_higher_optimum(flat: Callable[[str], Path]) -> No
     heavy = service_at(flat("[truth]\nmass_ratio = 1.2"))
     found = outcome(*driven(heavy))
     of_plan = heavy.fronts[0].trajectory(found.running_time_s)
-    assert found.energies.optimum_as_driven_j > 1.05 * of_plan.balance.input
+    assert found.energies.above.optimum_j > 1.05 * of_plan.balance.input
     day = make_day(heavy, 1)
     assert true_fronts(day)[0] is true_fronts(day)[0], "solved once"
     assert true_fronts(day)[0].section.train.inertial_mass_kg == pytest.approx(day.plant.vehicle.inertial_mass_kg)

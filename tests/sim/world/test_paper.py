@@ -13,7 +13,8 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown, presenter_of
-from sim.world.loop import InProcess, Run, World
+from sim.world.in_process import InProcess
+from sim.world.loop import Run, World
 from sim.world.simpler import LEFT_LATE_S, PaperSheet
 from sim.world.surroundings import Calls
 from tests.support.flat_days import flat_day
