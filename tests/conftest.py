@@ -25,6 +25,10 @@ settings.load_profile("same")
 FILE_SECONDS = Path(__file__).parent / "data" / "file_seconds.txt"
 """CPU seconds of test files in each tier, from 1 s: `uv run pytest -m "" --file-seconds` measures them anew."""
 
+# Workers take all cores already. A second thread of OpenBLAS waits for its part of each product in a loop: a product of
+# matrices took five times the processor time. NumPy reads this when it is imported, in this process and its children.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 CACHED = type(cache(len))
 """What `@cache` and `@lru_cache` make of a function."""
 

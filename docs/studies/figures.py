@@ -107,7 +107,9 @@ def made(commands: Iterable[str], inputs: str, kept: Path) -> dict[str, Path]:
         paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         done = subprocess.run(
             [sys.executable, "-m", "docs.studies.forks"], input=json.dumps(jobs), stdout=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "80", "NO_COLOR": "1", "MPLBACKEND": "agg"}, check=True,
+            env={**os.environ, "PYTHONPATH": paths, "COLUMNS": "80", "NO_COLOR": "1", "MPLBACKEND": "agg",
+                 "OPENBLAS_NUM_THREADS": "1"},  # a program has one core
+            check=True,
         )  # fmt: skip
         codes = dict(zip(missing, json.loads(done.stdout), strict=True))
         for one, place in places.items():

@@ -8,6 +8,7 @@ import random
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +25,7 @@ from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
 from das.offline.asked_journey import Call, Held, Journey, Passing
-from das.offline.chains import Split
+from das.offline.chains import SectionFronts, Split
 from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver import tolerances as tol
 from das.solver.front import Front
@@ -62,9 +63,20 @@ def stop(position_m: float, dwell_s: float = 0.0, arrival: Window = ANY_TIME, de
     return Call(name=f"at {position_m:g}", position_m=position_m, arrival=arrival, departure=departure, dwell_s=dwell_s)
 
 
+@cache
+def solved() -> dict[object, SectionFronts]:
+    """The fronts of the sections of HILLY, by the places of a journey and the speeds at them."""
+    return {}
+
+
 def planned(*points: Call | Passing, route: Route = HILLY, train: Vehicle = TRAIN) -> JourneyPlan:
-    """The plan of a journey over these points."""
-    return JourneyPlanner(journey(*points), route, train).plan()
+    """The plan of a journey over these points; what it solves depends on no time, and is solved once for HILLY."""
+    planner = JourneyPlanner(journey(*points), route, train)
+    if route is HILLY and train is TRAIN:
+        passed = [replace(one, window=ANY_TIME) if isinstance(one, Passing) else None for one in points]
+        places = tuple((one.position_m, passing) for one, passing in zip(points, passed, strict=True))
+        planner.chains.fronts = solved().setdefault(places, planner.chains.fronts)
+    return planner.plan()
 
 
 def least_s(route: Route, train: Vehicle, *position_m: float) -> list[float]:

@@ -155,17 +155,18 @@ def test_the_file_is_a_population_with_the_defaults_of_what_is_not_fitted(tmp_pa
     found = FittedPopulation(study="s", people=8, drives=32, drivers=80, notches=10, parameters=parameters)
     path = tmp_path / "fitted.toml"
     path.write_text(population_text(found, "fitted"), encoding="utf-8")
-    read = {one.name: one for one in read_population(path).spreads}
+    population = read_population(path)
+    read = {one.name: one for one in population.spreads}
     usual = {one.name: one for one in load_population("default").spreads}
     assert (read["reaction_median_s"].middle, read["reaction_median_s"].sd) == (3.0, 0.3)
     assert "fitted to 8 people, 32 drives of s: 3, 95 % interval 2.5 to 3.6" in read["reaction_median_s"].source
     assert (read["braking_mps2"].middle, read["braking_mps2"].sd) == (0.4, usual["braking_mps2"].sd)
     assert read["braking_mps2"].source.endswith("a spread between people is not told, default")
     assert (read["notches"].middle, read["notches"].shape) == (10, Shape.FIXED)
-    shares = [read_population(path).draw(number)["comply_coast_ratio"] for number in range(400)]
+    shares = [population.draw(number)["comply_coast_ratio"] for number in range(400)]
     assert np.mean(shares) == pytest.approx(0.7, abs=0.03)
     for number in range(200):
-        HumanParameters(**read_population(path).draw(number))  # type: ignore[arg-type]
+        HumanParameters(**population.draw(number))  # type: ignore[arg-type]
     for name in {*usual} - {*fitted_ones}:
         assert (read[name].middle, read[name].sd) == pytest.approx((usual[name].middle, usual[name].sd))
         assert (read[name].low, read[name].high) == (usual[name].low, usual[name].high)
