@@ -100,11 +100,10 @@ def run_day(
     """Simulate a run of a scenario in closed loop: train and driver, advised once a second, without a bus.
 
     `scenario` is the name of a bundled scenario or a TOML file. Disturbances and driver are drawn with `seed`; the same
-    seed gives the same run. `driver` names the driver ("perfect", "literal", "fast", "top-speed", "timetable", "human",
-    or a class of your own as "package.module:Class"), `advice` the presentation ("none", "deviation", "top-speed",
-    "four-mode", "speed-and-effort", "guide" or "sheet"), `level` the loss model (the default is the vehicle's own).
-    `participant` is the number of a human driver of the default population, the same person in every run. Nothing is
-    recorded; see `record_day`.
+    seed gives the same run. `driver` and `advice` name a driver (also a class, as "package.module:Class") and a
+    presentation; `das-sim list` prints both. `level` is the loss model (by default the vehicle's own). `participant` is
+    the number of a human driver of the default population, the same person in every run. Nothing is recorded; see
+    `record_day`.
 
     Raises InputError for an unknown word, DasError for an unusable scenario or a train that does not arrive.
 

@@ -10,7 +10,14 @@ from das.domain.errors import DasError
 from das.domain.route import Route, Stretches
 from das.domain.vehicle import Vehicle
 
-STRONGEST_WIND_MPS = 50.0
+BOUNDS = {
+    "mass_ratio": (0.01, 10.0),
+    "resistance_ratio": (0.01, 10.0),
+    "receptivity_ratio": (0.0, 1.0),
+    "adhesion_ratio": (0.01, 10.0),
+    "head_wind_mps": (-50.0, 50.0),
+}
+"""Least and greatest value of each condition, in the order in which a scenario draws them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,16 +36,9 @@ class Conditions:
     adhesion_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("mass_ratio", "resistance_ratio", "adhesion_ratio"):
-            value = getattr(self, name)
-            if not 0 < value <= 10:
-                raise DasError(f"conditions: {name} = {value}: expected more than 0 and at most 10")
-        if not 0 <= self.receptivity_ratio <= 1:
-            raise DasError(f"conditions: receptivity_ratio = {self.receptivity_ratio}: expected 0 to 1")
-        if not abs(self.head_wind_mps) <= STRONGEST_WIND_MPS:
-            raise DasError(
-                f"conditions: head_wind_mps = {self.head_wind_mps}: expected at most {STRONGEST_WIND_MPS:g} either way"
-            )
+        for name, (least, most) in BOUNDS.items():
+            if not least <= (value := getattr(self, name)) <= most:
+                raise DasError(f"conditions: {name} = {value}: expected {least:g} to {most:g}")
 
     @property
     def changes_nothing(self) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from das.command_line.printing import new_table, paragraph, print_table, steps_bar, tell
 from das.domain.files.writing import write_whole
-from das.domain.units import kwh
+from das.domain.units import in_kwh, kwh
 from das.solver.front import Front
 from das.solver.section import Section
 from precompute.exact.front import STATES, ExactFront, solve_exact
@@ -107,9 +107,7 @@ def _print(section: Section, result: dict[str, Any]) -> None:
         table.add_row(
             f"{point['buffer_percent']:g}",
             f"{point['time_s']:.2f}",
-            f"{point['energy_kwh']:.3f}",
-            f"{point['supported_kwh']:.3f}",
-            f"{point['fast_energy_kwh']:.3f}",
+            *(in_kwh(point[name], finer=2) for name in ("energy_kwh", "supported_kwh", "fast_energy_kwh")),
             f"{100 * point['fast_difference_ratio']:+.3f}",
         )
     print_table(table, LEGEND)

@@ -18,7 +18,7 @@ from das.command_line.options import JsonOption, OutRecordingOption, OverwriteOp
 from das.command_line.printing import busy, loading_solver, paragraph, progress_bar, tell, typed
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.domain.units import KM, NS, PERCENT, kwh, kwh_words
+from das.domain.units import KM, NS, PERCENT, kwh_figure, kwh_words
 from sim.cli.options import TripArgument, naming_recorded, new_recording, removed_if_unused, tell_written
 from sim.drivers.kinds import Presentation
 from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption, typed_command
@@ -261,7 +261,7 @@ def _print(found: AlignedDrives) -> None:
 
 
 def _less(energy_j: float) -> str:
-    return f"{abs(kwh(energy_j)):.0f}\u00a0kWh {'less' if energy_j < 0 else 'more'}"
+    return f"{kwh_figure(abs(energy_j), finer=-1)}\u00a0kWh {'less' if energy_j < 0 else 'more'}"
 
 
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:

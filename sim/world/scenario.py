@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from das.domain.braking import SiteBraking
-from das.domain.conditions import STRONGEST_WIND_MPS, Conditions
+from das.domain.conditions import BOUNDS, Conditions
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import bundled_files, load_vehicle, locate
-from das.domain.files.reading import Fields, in_si, number, range_expected, read_toml
+from das.domain.files.reading import Fields, in_si, number, quantity_of, range_expected, read_toml
 from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.levels import Level
 from das.domain.units import to_si
@@ -81,7 +81,6 @@ def key_of(table: Fields, name: str, dimension: str) -> str:
 
 TRUTH_STREAM = 5
 """Number of the random stream of a seed from which the conditions are drawn."""
-RATIOS = ("mass", "resistance", "receptivity", "adhesion")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,12 +138,15 @@ class Truth:
 
 def read_truth(table: Fields) -> Truth:
     """Read the table `[truth]` of a scenario; raises DasError or InputError for anything unusable."""
-    others = {"head_wind": "speed", "adhesive_mass": "mass"}
-    quantities = table.quantity_keys({**dict.fromkeys(RATIOS, "ratio"), **others})
+    conditions = {field: quantity_of(field) for field in BOUNDS}
+    quantities = table.quantity_keys(dict([*conditions.values(), ("adhesive_mass", "mass")]))
     table.check_keys([*quantities, "vehicle", "load", "level", "loss_map"])
     folder = table.source.parent
     return Truth(
-        conditions=_conditions(table),
+        conditions={
+            field: _read_within(table, quantity, getattr(Conditions, field), BOUNDS[field])
+            for field, quantity in conditions.items()
+        },
         adhesive_mass_kg=_adhesive_mass(table),
         vehicle=beside(folder, table.text("vehicle")) if table.has("vehicle") else None,
         load=table.text("load") if table.has("load") else None,
@@ -156,17 +158,6 @@ def read_truth(table: Fields) -> Truth:
 def beside(folder: Path, name: str) -> str:
     """The unchanged name of a bundled file, or the path of a file, resolved from the scenario's folder."""
     return str(folder / name) if Path(name).suffix else name
-
-
-def _conditions(table: Fields) -> dict[str, Drawn]:
-    given = {f"{name}_ratio": read_quantity(table, name, "ratio", 1.0) for name in RATIOS}
-    given["head_wind_mps"] = read_quantity(table, "head_wind", "speed", 0.0)
-    for end in ("low", "high"):
-        try:
-            Conditions(**{name: getattr(drawn, end) for name, drawn in given.items()})
-        except DasError as error:
-            raise DasError(f"{table.source}: {str(error).replace('conditions: ', 'truth.', 1)}") from None
-    return given
 
 
 def _adhesive_mass(table: Fields) -> float | None:
@@ -279,8 +270,8 @@ _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
 """Greatest values (SI) by dimension; a larger figure is considered a typing error."""
 _RANGES = {
     "speed": (1.0, 200.0),
-    "adhesion": (0.01, 10.0),
-    "wind": (-STRONGEST_WIND_MPS, STRONGEST_WIND_MPS),
+    "adhesion": BOUNDS["adhesion_ratio"],
+    "wind": BOUNDS["head_wind_mps"],
     "size": (1.0, LONGEST_LINE_M),
 }
 """Least and greatest values (SI) of figures with a narrower range than 0 to `_MOST`, so that trains get through."""
@@ -522,8 +513,8 @@ def _planned(table: Fields) -> PlannedDisturbance:
     given = {name: unit for name, unit in optional.items() if key_of(table, name, unit) in table.data}
     quantities = {**quantities, **given}
     drawn = {
-        name: _checked(table, name, dimension, read_quantity(table, name, dimension))
-        for name, dimension in quantities.items()
+        name: _read_within(table, (name, unit), None, _RANGES.get(name, (0.0, _MOST.get(unit, np.inf))))
+        for name, unit in quantities.items()
     }
     for lower, higher in _RISING:
         if {lower, higher} <= drawn.keys() and not drawn[lower].high < drawn[higher].low:
@@ -540,10 +531,10 @@ def _figures(kind: str, *, optional: bool) -> dict[str, str]:
     return {name: _DIMENSIONS[suffix] for name, _, suffix in names if suffix in _DIMENSIONS}
 
 
-def _checked(table: Fields, name: str, dimension: str, figure: Drawn) -> Drawn:
-    key = key_of(table, name, dimension)
-    least, most = _RANGES.get(name, (0.0, _MOST.get(dimension, np.inf)))
-    if not least <= figure.low <= figure.high <= most or np.isinf(figure.high):
-        expected = range_expected(key[len(name) + 1 :], dimension, (least, most))
+def _read_within(table: Fields, quantity: tuple[str, str], default: float | None, ends: tuple[float, float]) -> Drawn:
+    """Read a quantity, given by name and dimension, or a range of it; InputError for one beyond its ends (SI)."""
+    figure, key = read_quantity(table, *quantity, default), key_of(table, *quantity)
+    if not ends[0] <= figure.low <= figure.high <= ends[1] or np.isinf(figure.high):
+        expected = range_expected(key[len(quantity[0]) + 1 :], quantity[1], ends)
         raise table.error(key, table.data[key], f"{expected}, or {{min = …, max = …}} in this order")
     return figure

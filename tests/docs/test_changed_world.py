@@ -294,7 +294,7 @@ def test_a_variation_changes_the_plan_by_its_step() -> None:
     [
         ("mas=10", "--vary mas=10: expected PARAMETER=VALUE,… of mass, resistance, wind, receptivity, adhesion"),
         ("mass=10%", "--vary mass=10%: expected numbers separated by commas, like mass=-10,10"),
-        ("mass=-100", "conditions: mass_ratio = 0.0: expected more than 0 and at most 10"),
+        ("mass=-100", "conditions: mass_ratio = 0.0: expected 0.01 to 10"),
         ("receptivity=-0.5", "conditions: receptivity_ratio = -0.5: expected 0 to 1"),
     ],
 )

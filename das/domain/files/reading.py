@@ -216,7 +216,7 @@ class Fields:
         """
         every = dataclasses.fields(kind)  # type: ignore[arg-type]
         wanted = {one.name: one.default for one in every if "float" in str(one.type)}
-        names = {field: _quantity_of(field) for field in wanted if field not in given}
+        names = {field: quantity_of(field) for field in wanted if field not in given}
         self.check_keys(["source", *beside, *self.quantity_keys(dict(names.values()))])
         values = dict(given)
         for field, (name, dimension) in names.items():
@@ -294,7 +294,7 @@ class Fields:
         return list(zip(*self.columns(key, wanted, unbounded=unbounded, most=most).values(), strict=True))
 
 
-def _quantity_of(field: str) -> tuple[str, str]:
+def quantity_of(field: str) -> tuple[str, str]:
     """The name and the dimension of the quantity in a field whose name ends in the unit."""
     unit = next(unit for unit in _DIMENSIONS if field.endswith(f"_{unit}"))
     return field.removesuffix(f"_{unit}"), _DIMENSIONS[unit]

@@ -22,6 +22,7 @@ from das.command_line.files import save_figure
 from das.command_line.printing import new_table, paragraph, print_table, tell
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
+from das.domain.units import in_kwh
 from das.drawing.colors import SEVERAL
 from sim.experiment.analysis.comparing import RunStudy, read_study
 from sim.experiment.one_line import LEAST_VALUES, mean_interval
@@ -226,7 +227,7 @@ ASSUMED: Final = (
 
 
 def _kwh(value: float) -> str:
-    return f"{value:.0f}" if value >= 10.0 else f"{value:.1f}"
+    return in_kwh(value, finer=-1 if value >= 10.0 else 0)
 
 
 def short(value: float) -> str:
@@ -259,7 +260,7 @@ class WorthFindings:
         if today > in_time:
             yield (
                 "Without advice, people who use all of the time and brake with the motors first need "
-                f"{in_time:.1f} kWh for {today:.1f} today. Step 5 is what advice adds."
+                f"{in_kwh(in_time)} kWh for {in_kwh(today)} today. Step 5 is what advice adds."
             )
         for number, step in enumerate(self.steps, start=1):
             if step.shows_saving and any(low <= 0.0 for low, _ in step.ranges.values()):
@@ -296,8 +297,9 @@ class WorthFindings:
             factors = {"late_s": 1, "on_time_ratio": 100, "within_minute_ratio": 100}
             pairs = ((factor * one.before[key], factor * one.after[key]) for key, factor in factors.items())
             used = f"{_kwh(one.before_kwh)} → {_kwh(one.before_kwh - one.saved_kwh)}"
-            form = ".1f" if abs(one.saved_kwh) < 100.0 else ".0f"
-            cells = [used, f"{one.saved_kwh:{form}} ± {one.interval_kwh:{form}}", f"{100 * one.saved_ratio:.1f}"]
+            finer = 0 if abs(one.saved_kwh) < 100.0 else -1
+            saved = " ± ".join(in_kwh(figure, finer=finer) for figure in (one.saved_kwh, one.interval_kwh))
+            cells = [used, saved, f"{100 * one.saved_ratio:.1f}"]
             found.append([name, *cells, *(f"{before:.0f} → {after:.0f}" for before, after in pairs)])
         return found
 

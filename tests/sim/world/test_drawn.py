@@ -94,7 +94,7 @@ BAD = [
     ("[truth]\nload = 'heavy'", "no load 'heavy'"),
     ("[truth]\nlevel = 'l9'", "truth.level = 'l9': expected one of l0"),
     ("[truth]\nlevel = 'l1'\nloss_map = 'x.csv'", "truth.level = 'l1': expected l3"),
-    ("[truth]\nmass_percent = {min = 0, max = 100}", "toml: truth.mass_ratio = 0"),
+    ("[truth]\nmass_percent = {min = 0, max = 100}", "toml: truth.mass_percent = .*}: expected a number from 1 to"),
     ("[human]\nglance_s = 3", "human.glance_s = 3: expected one of the keys"),
     ("[human]\nglance_mean_s = 99", "toml: human.glance_mean_s = 99.0: expected 0.2 to 60 s"),
     ("[human]\nglance_mean_s = {min = 3, max = 99}", "human.glance_mean_s = 99"),

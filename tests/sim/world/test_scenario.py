@@ -27,7 +27,8 @@ AT = r"disturbances\[0\]\."
 """The beginning of the keys of the first disturbance, as a pattern."""
 BAD = [
     ("x = 1", "x = 1: expected one of the keys"),
-    ("[truth]\nmass_percent = 0", "mass_ratio"),
+    ("[truth]\nmass_percent = 0", "truth.mass_percent = 0: expected a number from 1 to 1000"),
+    ("[truth]\nhead_wind_kmh = -400", "truth.head_wind_kmh = -400: expected a number from -180 to 180"),
     ("[truth]\nmas_percent = 100", "truth.mas_percent"),
     ("[truth]\nadhesion_percent = 50", "truth.adhesive_mass_t is missing"),
     ("[truth]\nadhesive_mass_t = -1", "truth.adhesive_mass_t = -1"),
