@@ -480,7 +480,7 @@ BAD: list[tuple[Callable[[], object], str]] = [
         "small.csv: the state .* outside the loss map",
     ),
     (lambda: Patch(from_m=200.0, to_m=100.0), "patch.*to_m = 100.*more than from_m = 200"),
-    (lambda: Patch(adhesion_ratio=0.0), "adhesion_ratio = 0.0: expected more than 0"),
+    (lambda: Patch(adhesion_ratio=0.0), "adhesion_ratio = 0.0: expected 0.01 to 10"),
     (lambda: Patch(head_wind_mps=math.nan), "head_wind_mps = nan"),
 ]
 
