@@ -42,7 +42,7 @@ TOLERANCES: Final = {
 Figures that are not named here are equal but for rounding."""
 NOT_FIGURES: Final = {"file", "recording", "label", "train", "first_different_advice"}
 """Names of what says where a figure is from."""
-FASTER: Final = "the trip runs "
+FASTER: Final = "the trip reaches "
 """How the refusal begins for an open trip that is faster than the train, so that it has no part to compare."""
 LISTS: Final = {"legs": "section", "sections": "section", "stops": "stop"}
 """Names of lists with figures of their own, and of one entry."""

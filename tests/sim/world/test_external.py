@@ -129,7 +129,7 @@ def test_a_driver_that_falls_silent_is_braked_for_and_may_come_back(folder: Path
     """Silent for 30 looks; it answers again while the train brakes, and drives on after a stand."""
     day, place = day_of(folder, "flat.toml"), endpoint(*free_ports(1))
     with process(folder, "silent.py", place, "400", "430"):
-        run, _ = driven(day, place, tmp_path / "s.mcap", Presentation.NONE)
+        run = driven(day, place, tmp_path / "s.mcap", Presentation.NONE).run
     said = [
         (entry.message.message, entry.message.timestamp.ToNanoseconds())
         for entry in read_recording(tmp_path / "s.mcap").of(LOG)

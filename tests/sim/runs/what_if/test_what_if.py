@@ -21,7 +21,6 @@ from das.domain.files.load import catalogue, load_vehicle
 from das.domain.levels import Level
 from das.domain.restriction import Restriction
 from sim.cli.trips import bundled_recording
-from sim.drive.causes import ShownAdvice
 from sim.drive.comparison import AlignedDrives, drives_on_track
 from sim.drive.drive import Drive
 from sim.drivers.kinds import DriverKind, Presentation
@@ -140,7 +139,7 @@ def test_an_open_loop_keeps_the_drive_and_changes_the_advice(recorded: Path, tmp
     )
     run = read_contents(new).metadata["run"]
     assert (run["what_if"], run["level"], run["what_if_of"]) == ("open loop", "l0-noreg", "day.mcap")
-    assert not ShownAdvice.of(read_recording(new)).any_shown  # no driver saw this advice
+    assert not Drive.read(new).energy.shown.any_shown  # no driver saw this advice
     assert not check_file(new).findings
     assert reproduce(new, quiet).same  # its node arguments are those that it was advised with
 
