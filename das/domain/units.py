@@ -108,7 +108,7 @@ KWH_DIGITS: Final = 1
 def kwh_figure(energy_j: float, *, signed: bool = False, finer: int = 0) -> str:
     """Energy in kWh as it is printed, without its unit; never as -0.0.
 
-    `finer` is 1 for the parts of a whole, 2 for solvers compared, −1 for a range, which is less certain than a figure.
+    `finer` is 1 for the parts of a whole, 2 for solvers compared, −1 for a range or a large sum.
     """
     return in_kwh(kwh(energy_j), signed=signed, finer=finer)
 

@@ -117,6 +117,7 @@ class Section(Summary, LineProfile):
     def resistance_n(self, s_m: float, v_mps: float) -> float:
         """The resistance (N) at a position and speed: running resistance, gradient, curve and tunnel."""
         interval = min(max(int(self.node_m.searchsorted(s_m, side="right")) - 1, 0), len(self.step_m) - 1)
+        # Calling the compiled function from Python would cost more than the sum itself.
         running_n = mean_resistance.py_func(v_mps, v_mps, self.tunnel_n_per_mps2[interval], self.train)
         return float(running_n + self.constant_n[interval])
 

@@ -287,9 +287,9 @@ def _short(row: Judged) -> Sequence[float]:
 
 _OBEDIENT, _HUMAN, _CARELESS = Who
 BOUNDS: Final = (
-    # A careless driver brakes to a stand in a dead section where the train may only brake electrically.
+    # A careless driver brakes to a standstill in a neutral section, where the train has no power to depart.
     *(
-        Bound("runs that ended before the last stop", who, lambda x: (bool(x.said),), sum, 0, who is _CARELESS)
+        Bound("runs that ended before the last stop", who, lambda x: (bool(x.said),), sum, 0, int(who is _CARELESS))
         for who in Who
     ),
     Bound("stops missed", _OBEDIENT, lambda x: (x.stops_missed,), sum, 0, 0),

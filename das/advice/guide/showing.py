@@ -456,17 +456,14 @@ def _after_brake(scene: Sight, now: Instruction, found: list[Instruction]) -> li
     """The changes after a brake: the first when it has reached its speed; further brakes lead to lower speeds."""
     while found and found[0].mode in BRAKES and found[0].speed_mps > now.speed_mps - SAME_MPS:
         found = found[1:]
-    if not found:
-        return found
     ends_s = lasts_s(scene, now)
-    if found[0].mode in BRAKES:  # A driver who brakes as shown may be there sooner than one who follows the reference.
+    if found and found[0].mode in BRAKES:  # One who brakes as shown may be there sooner than one on the reference.
         ends_m = now.way_m + way_m(scene.ahead, -now.effort_ratio, now.speed_mps, scene.state)
         sooner_s = now.in_s + ends_s + max(found[0].way_m - ends_m, 0.0) / max(now.speed_mps, 1.0)
         return [replace(found[0], in_s=min(found[0].in_s, sooner_s)), *found[1:]]
-    if found[0].in_s >= ends_s or any(one.in_s <= ends_s for one in found[1:]):
+    if not found or found[0].in_s >= ends_s or any(one.in_s <= ends_s for one in found[1:]):
         return found
-    braked_m = 0.5 * (scene.state.v_mps + now.speed_mps) * ends_s
-    return [replace(found[0], in_s=ends_s, way_m=braked_m), *found[1:]]
+    return [replace(found[0], in_s=ends_s, way_m=0.5 * (scene.state.v_mps + now.speed_mps) * ends_s), *found[1:]]
 
 
 def _allowed(scene: Sight, now: Instruction, found: list[Instruction]) -> tuple[Instruction, ...]:

@@ -100,7 +100,8 @@ def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list
 def _tried(search: _Search, front: GuideFront, first: int, last: int, prices: range | None = None) -> float:
     """Try prices of time, singly and in pairs; returns the higher of the two enclosing prices (W).
 
-    The second price begins at a decision node between `first` and `last`.
+    The second price begins at a decision node between `first` and `last`. For an arrival (no `prices`), the search ends
+    when the run that `best` takes is near; for a place, when any run is.
     """
     at_end, prices = prices is None, front.ladders[0] if prices is None else prices
     slow, quick = _enclosing(search, prices, first)
