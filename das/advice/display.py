@@ -11,12 +11,12 @@ import numpy as np
 from das.advice import kernels, wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
-from das.advice.goal import DEVIATION_NAMED_S, OVERSPEED_MPS, Goal, SpeedsAllowed, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, Goal, SpeedsAllowed, TrainState
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime, departure_regime
-from das.advice.shown import lever_ratio, steady_step, step_below
+from das.advice.shown import OVERSPEED_MPS, lever_ratio, steady_step, step_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.solution import Fit

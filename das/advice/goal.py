@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
 
+from das.advice.shown import OVERSPEED_ENDS_MPS, OVERSPEED_MPS
 from das.domain.errors import DasError
 from das.domain.journey import Window
 from das.domain.units import NS
@@ -17,10 +18,6 @@ AT_END_M: Final = 1.0
 """Last distance (m) before the end of the section, over which no plan is made: the train is to stop."""
 AT_STOP_M: Final = 50.0
 """Distance (m) from a stop within which a standing train is at it; a train further beyond has run past it."""
-OVERSPEED_MPS: Final = 0.5
-"""Largest excess (m/s) over the allowed speed without a warning that the train is too fast."""
-OVERSPEED_ENDS_MPS: Final = 0.15
-"""Excess over the allowed speed (m/s) down to which a warning that the train is too fast remains."""
 COASTS_IN_S: Final = 5.0
 """Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5

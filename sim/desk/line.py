@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from das.advice import wording
-from das.advice.goal import OVERSPEED_ENDS_MPS, OVERSPEED_MPS
 from das.advice.regimes import KIND_OF, Regime
+from das.advice.shown import OVERSPEED_ENDS_MPS, OVERSPEED_MPS
 from das.advice.wording import Language
 from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS

@@ -14,9 +14,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from das.advice.advice import Cause
-from das.advice.goal import OVERSPEED_MPS
 from das.advice.regimes import KIND_OF, InstructionKind, Regime
-from das.advice.shown import TARGET_STEP_MPS, step_below
+from das.advice.shown import OVERSPEED_MPS, TARGET_STEP_MPS, step_below
 from das.domain.units import KMH, NS
 from sim.drive.table import HOLDS_S, DriveTable
 from sim.drivers.presentations.presenter import EFFORT_STEP_RATIO

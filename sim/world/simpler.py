@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from das.advice import kernels
 from das.advice.braking import AT_MARK_M, BEGINS_MPS
-from das.advice.goal import AT_STOP_M, COASTS_IN_S, LONGEST_RATIO, OVERSPEED_MPS, TrainState
+from das.advice.goal import AT_STOP_M, COASTS_IN_S, LONGEST_RATIO, TrainState
 from das.advice.planner import BRAKED_EARLY_S, PlanBasis, Planner
 from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regime
-from das.advice.shown import steady_step, step_below
+from das.advice.shown import OVERSPEED_MPS, steady_step, step_below
 from das.cab.heard import judged
 from das.cab.leg import AHEAD_DEVIATIONS
 from das.cab.situation import Situation

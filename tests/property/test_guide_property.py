@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
-from das.advice.goal import AT_END_M, OVERSPEED_MPS, PassingTarget
+from das.advice.goal import AT_END_M, PassingTarget
 from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
+from das.advice.shown import OVERSPEED_MPS
 from das.cab.leg import Leg
 from das.cab.preparation import onboard_ladder
 from das.cab.situation import Situation

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
-from das.advice.goal import OVERSPEED_MPS
 from das.advice.guide.guard import (
     LEAST_LEAD_S,
     SHORT_M,
@@ -27,7 +26,7 @@ from das.advice.guide.guard import (
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
-from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
+from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
 from das.solver.kernels.schedule import BACK_SHARE
 

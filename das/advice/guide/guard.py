@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
 from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead, NeededBrake
-from das.advice.goal import COASTS_IN_S, OVERSPEED_MPS, SpeedsAllowed, TrainState
+from das.advice.goal import COASTS_IN_S, SpeedsAllowed, TrainState
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold
 from das.advice.guide.timeline import OFF_MPS, SAME_MPS, STANDS_S, GuideStep
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown import SAME_READING_MPS, STOP_BY_EYE_M, target_below
+from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.solver.guide.schedule import Prospect, Schedule
 
 BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0

@@ -102,7 +102,7 @@ def test_only_what_is_lost_just_before_the_stop_is_reserved() -> None:
 
 @pytest.mark.parametrize("which", few(BUNDLED[1:], BUNDLED[1:2], pytest.mark.slow))
 def test_the_first_reference_leaves_a_reserve_and_less_where_being_on_time_does_not_count(which: Which) -> None:
-    """With a buffer of 15 %: the time aimed at is earlier by the reserve, and the reference is at most a second later."""
+    """With a buffer of 15 %: the time aimed at is earlier by the reserve; the reference is at most a second later."""
     goal = goal_of(which, 0.15)
     usual_s = UsualLoss(section_of(which)).at_last_s(section_of(which).start_m, goal.left_s(ns(0)))
     for one, ratio in ((goal, ON_TIME_RATIO), (replace(goal, counts=False), ELSEWHERE_RATIO)):
