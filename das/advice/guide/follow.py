@@ -111,9 +111,10 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
 
 
 def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
-    """The hold of a step's speed; the return to it for a train that is too far from it."""
+    """The hold of a step's speed; the return to it for a train that is too far from it and does not roll up to it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
-    if away_mps < -OFF_MPS and scene.due_s(memory.step + 1) > WORTH_S:
+    stays_slow = away_mps < -OFF_MPS and scene.rolls_mps2 * ROLLS_BACK_S < -away_mps
+    if stays_slow and scene.due_s(memory.step + 1) > WORTH_S:
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:

@@ -86,6 +86,16 @@ def test_nobody_is_told_to_accelerate_back_when_the_next_step_is_near() -> None:
     assert asked(2100.0, 90.0, replace(FOLLOWS, reached=True))[0].one == hold(100 * KMH)
 
 
+def test_a_train_that_rolls_up_to_the_speed_to_hold_is_not_told_to_accelerate() -> None:
+    """On this descent it gains 10 km/h within a minute, but not 40 km/h."""
+    here = section_of(("zurich-luzern", 1))
+    s_m = float(here.node_m[np.argmin(here.constant_n[200:-200]) + 200])
+    schedule = reference(("T", 0.8, 0.0, 100), ("H", 0.0, s_m - 200.0, 100), section=here)
+    for kmh, mode in ((90.0, Lead.FOLLOW), (60.0, Lead.BACK_UP)):
+        memory = replace(FOLLOWS, step=1, reached=True)
+        assert wanted(seen(s_m, kmh, schedule), memory)[0].mode is mode
+
+
 def test_who_would_roll_for_more_than_a_minute_brakes_back_with_the_motors() -> None:
     found, memory = asked(1300.0, 112.0, replace(FOLLOWS, reached=True))
     assert (found.one.mode in BRAKES, found.one.speed_mps, memory.mode) == (True, 100 * KMH, Lead.BACK_DOWN)
