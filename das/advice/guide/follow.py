@@ -33,8 +33,8 @@ from das.solver.kernels.schedule import BACK_SHARE
 WORTH_S = 40.0
 """The least time (s) to the next step with which an acceleration back to a speed is worthwhile and shown."""
 ROLLS_BACK_S, BRAKES_BACK_S = 60.0, 10.0
-"""The longest time (s) for coasting back to a speed to hold, and the time (s) for braking back to it otherwise, with
-the motors alone if they slow the train."""
+"""The longest time (s) for rolling back to a speed to hold, up or down, and the time (s) for braking back to it
+otherwise, with the motors alone if they slow the train."""
 COAST_MISSES_MPS = 4.0 * KMH
 """The largest error (m/s) of the speed shown for the end of coasting; beyond it the forecast speed is shown."""
 ROLLS_SOON_S = 10.0
@@ -113,8 +113,7 @@ def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
 def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
     """The hold of a step's speed; the return to it for a train that is too far from it and does not roll up to it."""
     to_mps, away_mps = step.speed_mps, scene.state.v_mps - step.speed_mps
-    stays_slow = away_mps < -OFF_MPS and scene.rolls_mps2 * ROLLS_BACK_S < -away_mps
-    if stays_slow and scene.due_s(memory.step + 1) > WORTH_S:
+    if away_mps < -max(OFF_MPS, scene.rolls_mps2 * ROLLS_BACK_S) and scene.due_s(memory.step + 1) > WORTH_S:
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:
