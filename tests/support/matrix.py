@@ -285,13 +285,9 @@ def _short(row: Judged) -> Sequence[float]:
     return (row.changes_per_min,) if row.mean_km * KM < SHORT_M else ()
 
 
-_OBEDIENT, _HUMAN, _CARELESS = Who
+_OBEDIENT, _HUMAN, _ = Who
 BOUNDS: Final = (
-    # A careless driver brakes to a standstill in a neutral section, where the train has no power to depart.
-    *(
-        Bound("runs that ended before the last stop", who, lambda x: (bool(x.said),), sum, 0, int(who is _CARELESS))
-        for who in Who
-    ),
+    *(Bound("runs that ended before the last stop", who, lambda x: (bool(x.said),), sum, 0, 0) for who in Who),
     Bound("stops missed", _OBEDIENT, lambda x: (x.stops_missed,), sum, 0, 0),
     Bound("above a limit, m/s", _OBEDIENT, lambda x: (x.above_limit_mps,), max, 0.5, 0.5),
     Bound("above a braking curve, m/s", _OBEDIENT, lambda x: (x.above_curve_mps,), max, 0.5, 0.5),
@@ -304,11 +300,11 @@ BOUNDS: Final = (
     Bound("instructions against the grammar, most", _OBEDIENT, lambda x: (x.against_grammar,), max, 0, 3),
     Bound("acts of the last word, most", _OBEDIENT, lambda x: (x.last_word_acts,), max, 0, 1),
     Bound("latest arrival, s", _OBEDIENT, _kept(lambda x: (x.worst_late_s,)), max, 10, 15),
-    Bound("late in a section, s, median", _HUMAN, _kept(lambda x: x.sections_late_s), median, 0, 0.5),
+    Bound("late in a section, s, median", _HUMAN, _kept(lambda x: x.sections_late_s), median, 0, 0),
     Bound("saved at equal arrival, mean share", _HUMAN, lambda x: (x.saved_ratio,), mean, 0, 0, least=True),
     Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.1, least=True),
     Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 4.5),
-    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 40),
+    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 20),
     Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 3),
 )
 """Bounds of the goal and of today, with a margin for other seeds; the next planner is judged by the same table."""
