@@ -28,7 +28,7 @@ RUNNING_S_PER_MIN: Final = 1.0
 BRAKING_RATIO: Final = 0.2
 """The time usually lost by braking early and gently, as a share of the braking time of the fastest run."""
 LAST_S: Final = 300.0
-"""The last part of the run (s), whose usual loss the reserve covers; new references make up for earlier losses."""
+"""The last part of the run (s), whose usual loss the reserve covers, as even the fastest run may not regain it."""
 VARIANCE_S: Final = 4.0
 """The ratio (s) of the variance of a loss (s²) to the loss (s)."""
 KNOWN_AFTER_S: Final = 8.0
