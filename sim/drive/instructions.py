@@ -217,8 +217,8 @@ class InstructionWatch:
         self._coasted_s = 0
         self._ending: tuple[_Told, _Told, int] | None = None
         """Coasting that another instruction is about to end, and how long the train has coasted (s)."""
-        self._led_mps = math.nan
-        """The speed shown last: coasting counts as one instruction even if its speed changes."""
+        self._led_mps, self._led_s = math.nan, -math.inf
+        """The speed shown last, and since when (s): coasting counts as one instruction even if its speed changes."""
         self._reliance = _RelianceWatch()
 
     @property
@@ -240,10 +240,13 @@ class InstructionWatch:
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
+        elif told.to_mps != self._led_mps and self._was_announced(told, before.time_s):
+            self._ends(before, told)  # Coasting to this speed was announced while coasting: another instruction.
         if self._ending is not None and time_s >= self._ending[1].due_s - 0.5:
             self._counts["missed_coasts"] += _misses(*self._ending, advice.speed_mps)
             self._ending = None
-        self._led_mps = told.to_mps
+        if told.to_mps != self._led_mps:
+            self._led_mps, self._led_s = told.to_mps, time_s
         self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         for one in advice.guide.following:
             kind = KIND_OF.get(int(one.mode))
@@ -251,10 +254,10 @@ class InstructionWatch:
                 self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
-        counts, self._now, coasted_s = self._counts, told, self._coasted_s
-        self._coasted_s = 0
+        counts = self._counts
         counts["instructions"] += 1
         counts["odd_speeds"] += _is_odd(told, advice)
+        self._ends(before, told)
         if before is None:
             return
         if InstructionKind.BRAKE not in (told.kind, before.kind):
@@ -266,15 +269,19 @@ class InstructionWatch:
         counts["announced"] += _is_own_end(before._replace(to_mps=self._led_mps), told) or self._was_announced(told)
         counts["brakes"] += told.kind is InstructionKind.BRAKE
         counts["led"] += told.kind is InstructionKind.BRAKE and told.due_s - told.time_s >= LEAD_S
-        if coasted_s >= LEAST_COAST_S:
-            self._ending = before, told, coasted_s
         counts["vain_accelerations"] += _is_vain(before, told)
 
-    def _was_announced(self, told: _Told) -> bool:
-        """Whether a change was announced in time, for about the time at which it is due."""
+    def _ends(self, before: _Told | None, told: _Told) -> None:
+        if before is not None and before.kind is InstructionKind.COAST and self._coasted_s >= LEAST_COAST_S:
+            stood = told.time_s - self._led_s >= ANNOUNCED_S
+            self._ending = before._replace(to_mps=self._led_mps) if stood else before, told, self._coasted_s
+        self._now, self._coasted_s = told, 0
+
+    def _was_announced(self, told: _Told, since_s: float = -math.inf) -> bool:
+        """Whether a change was announced in time, after `since_s`, for about the time at which it is due."""
         return any(
             task == told.task
-            and time_s <= told.due_s - ANNOUNCED_S
+            and since_s < time_s <= told.due_s - ANNOUNCED_S
             and abs(due_s - told.due_s) <= max(MOVED_S, MOVED_RATIO * (told.due_s - time_s))
             for time_s, task, due_s in self._announced
         )
@@ -350,7 +357,7 @@ def _misses(coast: _Told, told: _Told, coasted_s: int, ends_mps: float) -> bool:
     """Whether a train that has coasted (s) ended far from the speed, though the reference stayed the same. Coasting
     ends at `ends_mps` (m/s), where the instruction `told` next is due.
     """
-    if coast.kind is not InstructionKind.COAST or coasted_s < 0.5 * (told.time_s - coast.due_s):
+    if coasted_s < 0.5 * (told.time_s - coast.due_s):
         return False
     replaced = told.reference_ns * NS > coast.time_s
     if told.kind is InstructionKind.BRAKE:

@@ -121,6 +121,16 @@ def test_coasting_ends_at_the_speed_that_it_named_last() -> None:
         assert (figures.instructions, figures.changes, figures.announced) == (2, 1, announced)
 
 
+def test_coasting_misses_the_speed_that_stood_at_its_end_or_when_another_was_announced() -> None:
+    def missed(reached_kmh: float, lasts_s: int = 20, *, announce: bool = True) -> int:
+        down, begins = (told(C, 100), 20, 105.0), (told(C, 120), 1, reached_kmh)
+        goes_on = (told(C, 120), lasts_s, 119.0), (told(H, 120), 9, 119.0)
+        return found(down, begins, *goes_on, announce=announce).missed_coasts
+
+    assert (missed(101.0), missed(108.0)) == (0, 1)
+    assert (missed(108.0, announce=False), missed(108.0, 5, announce=False)) == (0, 1)
+
+
 def figures_of(guide: InstructionFigures) -> DriveFigures:
     """The figures of a drive with these instructions, which showed nothing else and violated nothing."""
     return DriveFigures(violations=Violations(), stability=AdviceStability(), instructions=guide)
