@@ -75,7 +75,8 @@ def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
     if memory.back is not None and _is_back(scene, memory, step):
         memory = replace(memory, mode=Lead.FOLLOW, back=None, reached=memory.mode is not Lead.CREEP)
     if memory.back is not None:
-        return Proposal(memory.back, mode=memory.mode), memory
+        coasts = memory.back.mode is Regime.COAST
+        return Proposal(_coasting_back(scene, memory.shown, step) if coasts else memory.back, mode=memory.mode), memory
     found, memory = _of_step(scene, memory, step)
     in_s = scene.due_s(memory.step)
     return found._replace(in_s=in_s) if memory.back is None and not found.brakes else found, memory
@@ -101,8 +102,7 @@ def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
 
 
 def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
-    assert memory.back is not None
-    v_mps, to_mps = scene.state.v_mps, memory.back.speed_mps
+    v_mps, to_mps = scene.state.v_mps, step.speed_mps
     if memory.mode is Lead.CREEP:
         return _need(scene, step) > planned_effort(scene, step)
     if memory.mode is Lead.BACK_UP:
@@ -117,13 +117,14 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         back = traction(step.effort if step.kind is InstructionKind.TRACTION else BACK_SHARE, to_mps)
         return Proposal(back, mode=Lead.BACK_UP), replace(memory, mode=Lead.BACK_UP, back=back)
     if away_mps > OFF_MPS:
-        back, ahead, state = coast(to_mps), scene.ahead, scene.state
+        back, ahead, state = _coasting_back(scene, memory.shown, step), scene.ahead, scene.state
         rolls_long = -scene.rolls_mps2 * ROLLS_BACK_S < away_mps
         if rolls_long or ahead.is_due(state.braked_m, state.v_mps, BRAKES_BACK_S):
             effort = ahead.effort_of(away_mps / BRAKES_BACK_S, state.s_m, state.v_mps)
             back = brake(stepped(min(effort, 1.0) if slows(ahead, 1.0, state) else effort), to_mps)
         return Proposal(back, mode=Lead.BACK_DOWN), replace(memory, mode=Lead.BACK_DOWN, back=back)
-    return Proposal(hold(to_mps)), memory
+    goes_on = memory.shown.mode is Regime.COAST and away_mps > SAME_MPS and scene.rolls_mps2 < 0.0
+    return Proposal(coast(to_mps) if goes_on else hold(to_mps)), memory
 
 
 # --- accelerating ----------------------------------------------------------------------------------------------------
@@ -218,7 +219,7 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
 
     Coasting ends with the step, or earlier where the train must brake to a speed over `OVERSPEED_MPS` below its own.
     """
-    ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, step.by_m
+    ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, _by_m(scene, step)
     rolled_mps = ahead.rolling_mps(from_m, v_mps)
     rolled_mps = np.minimum(rolled_mps, section.limit_mps[-len(rolled_mps) :])
     at_m = np.append(from_m, section.node_m[-len(rolled_mps) :])
@@ -233,6 +234,15 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
     on_way = (section.node_m[:-1] >= from_m) & (section.node_m[:-1] < end_m)
     highest_mps = float(section.limit_mps[on_way].min(initial=scene.place.limit_mps))
     return _Leads(end_m, np.append(passes_mps[at_m < end_m], ends_mps), highest_mps)
+
+
+def _coasting_back(scene: Sight, shown: Instruction, step: GuideStep) -> Instruction:
+    """Coasting back to the speed of a step, or to that at which a brake for a limit ends it earlier."""
+    v_mps, to_mps = scene.state.v_mps, step.speed_mps
+    leads = _leads(scene, step, scene.state.s_m, v_mps)
+    highest_mps = min(leads.highest_mps, max(target_below(v_mps), to_mps))
+    leads = leads._replace(speeds_mps=np.maximum(leads.speeds_mps, to_mps), highest_mps=highest_mps)
+    return coast(_told_mps(scene, shown, step, leads))
 
 
 def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) -> float:
@@ -287,7 +297,7 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
 
 
 def _by_m(scene: Sight, step: GuideStep) -> float:
-    """The place (m) where a brake has reached its speed; for a train beyond it, the end of the step."""
+    """The place (m) where a step has reached its speed; for a train beyond it, the end of the step."""
     return step.by_m if scene.state.s_m < step.by_m else step.to_m
 
 

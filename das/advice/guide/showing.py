@@ -41,7 +41,7 @@ from das.advice.guide.guard import (
 )
 from das.advice.guide.keeping import Changes, Kept
 from das.advice.guide.memory import NOTHING, Lead, Memory, alike, brake, coast, hold, is_own_end, repeats, traction
-from das.advice.guide.timeline import COAST_LEAD_S, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, timeline
+from das.advice.guide.timeline import COAST_LEAD_S, OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, timeline
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import SAME_READING_MPS
 from das.domain.units import NS
@@ -358,7 +358,7 @@ def has_led(memory: Memory, one: Instruction, state: TrainState) -> bool:
     shown, v_mps = memory.shown, state.v_mps
     ended = reached(shown, v_mps) and one.mode not in BRAKES
     if shown.mode is Regime.COAST and one.mode is Regime.CRUISE:
-        ended = v_mps <= shown.speed_mps + SAME_MPS and (state.now_ns - memory.since_ns) * NS >= STANDS_S
+        ended = -OFF_MPS < v_mps - shown.speed_mps <= SAME_MPS and (state.now_ns - memory.since_ns) * NS >= STANDS_S
     return ended and not is_own_end(one, shown)
 
 

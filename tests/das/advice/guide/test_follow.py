@@ -70,6 +70,22 @@ def test_a_train_more_than_5_km_h_off_the_speed_to_hold_goes_back(kmh: float, mo
     assert (memory.back is None) is (mode is Lead.FOLLOW)
 
 
+def test_who_coasts_and_is_still_a_little_too_fast_for_a_hold_goes_on_coasting() -> None:
+    reached = replace(FOLLOWS, reached=True)
+    for shown, kmh, wants in ((coast, 103.0, coast), (coast, 100.5, hold), (hold, 103.0, hold)):
+        memory = replace(reached, shown=shown(100 * KMH))
+        assert asked(1300.0, kmh, memory)[0].one == wants(100 * KMH)
+
+
+def test_coasting_back_leads_to_the_speed_at_which_a_brake_ends_it() -> None:
+    """At 2500 m a brake to 60 km/h follows; each second the speed is told as it is then forecast."""
+    reached = replace(FOLLOWS, reached=True)
+    found, memory = asked(1500.0, 107.0, reached, LOWER)
+    assert alike(found.one, coast(100 * KMH))
+    assert alike(asked(1900.0, 107.0, memory, LOWER)[0].one, coast(105 * KMH))
+    assert alike(asked(1900.0, 104.0, memory, LOWER)[0].one, coast(100 * KMH))
+
+
 def test_a_way_back_goes_on_until_the_speed_is_reached() -> None:
     reached = replace(FOLLOWS, reached=True)
     _, slow = asked(1300.0, 94.5, reached)

@@ -115,7 +115,8 @@ def test_a_brake_that_is_not_done_is_not_released_without_notice() -> None:
     ("before", "one", "v_mps", "led"),
     [
         (SLOW, UP, 15.2, True), (SLOW, UP, 16.0, False), (SLOW, hold(15.0), 15.0, False), (SLOW, SLOW, 15.0, False),
-        (ROLL, HOLD, 20.0, True), (ROLL, HOLD, 22.0, False), (ROLL, hold(20.0), 20.0, False), (ROLL, UP, 20.0, False),
+        (ROLL, HOLD, 20.0, True), (ROLL, HOLD, 22.0, False), (ROLL, HOLD, 18.0, False),
+        (ROLL, hold(20.0), 20.0, False), (ROLL, UP, 20.0, False),
     ],
 )  # fmt: skip
 def test_a_brake_or_coasting_has_led_to_its_speed(
