@@ -9,7 +9,7 @@ import pytest
 from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
 from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
-from das.advice.guide.keeping import ELSEWHERE_RATIO, ON_TIME_RATIO
+from das.advice.guide.keeping import EARLY_S, ELSEWHERE_RATIO, ON_TIME_RATIO
 from das.cab.legs import Legs
 from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
@@ -50,9 +50,9 @@ def test_an_unknown_driver_is_expected_to_lose_what_drivers_usually_lose() -> No
     assert Drift().loss_s(12.0, 0.5) == 12.0
 
 
-@pytest.mark.parametrize(("per_min_s", "share"), [(0.0, 8 / 20), (0.5, 14 / 20), (1.0, 1.0), (-1.0, 0.0)])
+@pytest.mark.parametrize(("per_min_s", "share"), [(0.0, 25 / 37), (0.5, 31 / 37), (1.0, 1.0), (-3.0, 0.0)])
 def test_what_a_driver_loses_is_learned_as_a_share_of_the_usual_loss(per_min_s: float, share: float) -> None:
-    """After 12 min at 1 s a minute, that is 12 s, beside the 8 s that count before anything is known of him."""
+    """After 12 min at 1 s a minute, that is 12 s, beside the 25 s that count before anything is known of him."""
     assert drifted(per_min_s, 12).loss_s(10.0, 0.5) == pytest.approx(10.0 * share)
 
 
@@ -137,11 +137,12 @@ def test_a_train_that_cannot_be_on_time_has_no_reserve() -> None:
     assert kept.forecast.time_s - kept.late_s == pytest.approx(least_s, abs=1e-3)
 
 
-def test_who_keeps_exactly_to_his_references_loses_his_reserve_on_the_way() -> None:
+def test_who_keeps_exactly_to_his_references_loses_half_of_his_reserve_on_the_way() -> None:
     """He loses nothing, so new references save the energy of being early, and none of them hurries him."""
     goal = replace(goal_of(LINE, 0.15), counts=False)
     keeper, kept, train = started(LINE, goal, loses=True)
-    first_s, causes = kept.late_s - kept.forecast.time_s, []
+    usual_s = UsualLoss(section_of(LINE)).at_last_s(section_of(LINE).start_m, kept.forecast.time_s)
+    reserve_s, causes = Drift().loss_s(usual_s, ELSEWHERE_RATIO), []
     for second in range(6, 2000):
         state, before = train.at(second), keeper.reference
         if second >= train.end_s - 2.0:
@@ -151,10 +152,10 @@ def test_who_keeps_exactly_to_his_references_loses_his_reserve_on_the_way() -> N
         if found.reference is not before:
             causes.append(found.reference.replan.cause)
             train = Keeping(found.forecast, second)
-    assert first_s < 0.0
     assert set(causes) <= {ReplanCause.EARLY, ReplanCause.ENERGY}
     assert len(causes) <= 4
-    assert -6.0 < train.end_s - asked_s(LINE, 0.15) < 1.0  # Less than 5 s early is no reason for another one.
+    early_s = asked_s(LINE, 0.15) - train.end_s
+    assert -1.0 < early_s < 0.5 * reserve_s + EARLY_S  # Up to 5 s early is no reason for another one.
 
 
 def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_with_the_journey() -> None:
