@@ -28,7 +28,7 @@ from sim.drive.above_optimum import AboveOptimum
 from sim.drivers.cab import KINDS, AdviceView
 from sim.drivers.kinds import Presentation, as_now_called
 from sim.drivers.messages import recorded_view
-from sim.drivers.presentations.presenter import Presenter, ShownRegime, presenter_of, shown_presentation
+from sim.drivers.presentations.presenter import ShownRegime, presenter_of, shown_presentation
 from sim.recording.course import DriveClock, DrivenCourse, Floats, Times, own_timetable
 from sim.recording.opening import DriveInputs, inputs_of
 
@@ -258,16 +258,6 @@ class DriveTable:
         """The last journey received by the node; None if there is none."""
         return self.said.journeys[-1] if self.said.journeys else None
 
-    @property
-    def display(self) -> Presenter:
-        """The presenter of the first presentation that the cab showed; the one for no advice if none was recorded."""
-        return _display(self["cab_presentation"])
-
-
-def _display(presentations: NDArray[Any]) -> Presenter:
-    first = next((int(one) for one in presentations if one), 0)
-    return presenter_of(shown_presentation(first) or Presentation.NONE)
-
 
 def _objects(recording: Recording, topic: Topic) -> dict[str, NDArray[Any]]:
     """The columns of a topic other than numbers: the displayed content of each advice message, its reason, the cab's
@@ -276,7 +266,9 @@ def _objects(recording: Recording, topic: Topic) -> dict[str, NDArray[Any]]:
     if topic is topics.CAB:
         views: list[AdviceView | None] = [recorded_view(one) for one in messages]
         return {"view": _column(views)}
-    display = _display(recording.columns(topics.CAB, "presentation")["presentation"])
+    presentations = recording.columns(topics.CAB, "presentation")["presentation"]
+    first = next((int(one) for one in presentations if one), 0)
+    display = presenter_of(shown_presentation(first) or Presentation.NONE)
     shown: list[ShownRegime] = [display.shown_mode(one) for one in messages]
     return {
         "display": _column(shown),
