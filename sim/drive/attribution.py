@@ -29,7 +29,6 @@ from das.domain.trajectory import Trajectory
 from das.domain.units import NS, kwh
 from das.domain.vehicle import Vehicle
 from das.solver.front import Front
-from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from sim.drive.above_optimum import AboveOptimum
@@ -51,17 +50,6 @@ class Epoch(NamedTuple):
 
     since_ns: int
     told: Told
-
-
-@dataclass(frozen=True, kw_only=True)
-class Remaining:
-    """The optimal trajectory from a state to the end of a leg, and its energy (J; NaN if there is none)."""
-
-    energy_j: float
-    run: Solution | None
-
-
-NOTHING = Remaining(energy_j=math.nan, run=None)
 
 
 def epochs_of(table: DriveTable) -> tuple[Epoch, ...]:
@@ -88,7 +76,6 @@ class Knowledge:
 
     def __init__(self, inputs: DriveInputs, compared: ComparedLeg, epochs: tuple[Epoch, ...]) -> None:
         self.inputs, self.leg, self._untold = inputs, compared.leg, compared.front
-        self.nothing_told: Told = frozenset()
         self._changes_ns = np.array([epoch.since_ns for epoch in epochs])
         self._told = tuple(self._here(epoch.told) for epoch in epochs)
         self._front = cache(self._solved)
@@ -97,26 +84,20 @@ class Knowledge:
         """The restrictions on this leg that were known and in force at a time (ns)."""
         return self._told[int(np.searchsorted(self._changes_ns, time_ns, side="right")) - 1]
 
-    def section(self, told: Told = frozenset()) -> Section:
-        """The section from stand to stand with restrictions; DasError if the train cannot run there."""
-        return section_of_leg(self.inputs, self.leg, told)
-
     def front(self, told: Told = frozenset()) -> Front:
         """The front with restrictions: the optimal trajectories for all trip times."""
         return self._front(told)
 
-    def remaining(self, told: Told, time_s: float, s_m: float, speed_mps: float) -> Remaining:
-        """The optimal trajectory from a state to the end of the leg in a time (s); NOTHING if none arrives in time."""
+    def remaining(self, told: Told, time_s: float, s_m: float, speed_mps: float) -> Solution | None:
+        """The optimal trajectory from a state to the end of the leg in a time (s); None if none arrives in time."""
         try:
             run = self.front(told).trajectory(time_s, s_m, speed_mps)
         except (DasError, InfeasibleError):  # from here the section cannot be finished, or there is no time left
-            return NOTHING
-        if run.fit is Fit.LATE and run.time_s > time_s + LATE_S:
-            return NOTHING
-        return Remaining(energy_j=run.balance.input, run=run)
+            return None
+        return None if run.fit is Fit.LATE and run.time_s > time_s + LATE_S else run
 
     def _solved(self, told: Told) -> Front:
-        return solve_front(self.section(told)) if told else self._untold
+        return solve_front(section_of_leg(self.inputs, self.leg, told)) if told else self._untold
 
     def _here(self, told: Told) -> Told:
         first_m, last_m = float(self.leg.motion.s_m[0]), float(self.leg.motion.s_m[-1])
@@ -203,18 +184,18 @@ def committed(
     samples = np.unique(np.append(np.arange(0, last + 1, every), last)).astype(np.intp)  # the last one, too
     energy_j, news_j = np.full(len(samples), math.nan), np.zeros(len(samples) - 1)
     causes: list[EnergyCause] = []
-    judge, told = Judge(), knowledge.nothing_told
+    judge, told = Judge(), Told()
     in_vain = leg.left_s is not None and leg.trip_s > leg.left_s + MISSED_S
     for k, i in enumerate(samples[:-1].tolist()):
         at_ns = int(motion.time_ns[i])
         state = (leg.trip_s - float(leg.time_s[i]), float(motion.s_m[i]), float(motion.speed_mps[i]))
         best = knowledge.remaining(told, *state)
-        energy_j[k] = energies.motors_j[i] + best.energy_j
+        energy_j[k] = energies.motors_j[i] + _energy_j(best)
         news = told != knowledge.told_at(at_ns)
         if news:
-            told, before_j = knowledge.told_at(at_ns), best.energy_j
+            told, before = knowledge.told_at(at_ns), best
             best = knowledge.remaining(told, *state)
-            news_j[k] = np.nan_to_num(best.energy_j - before_j)
+            news_j[k] = np.nan_to_num(_energy_j(best) - _energy_j(before))
         signal = any(one.start_ns <= at_ns <= one.end_ns for one in signals)
         moment = _moment(energies, float(leg.time_s[i]), best, vehicle)
         cause = judge.cause(replace(moment, seen=shown.at(at_ns), signal=signal))
@@ -232,9 +213,13 @@ def spacing(legs: Sequence[DrivenLeg]) -> int:
     return max(math.ceil(sum(len(leg.motion.s_m) for leg in legs) / MOST_CUTS), 1)
 
 
-def _moment(energies: LegEnergies, since_s: float, best: Remaining, vehicle: Vehicle) -> Moment:
+def _energy_j(run: Solution | None) -> float:
+    return math.nan if run is None else run.balance.input
+
+
+def _moment(energies: LegEnergies, since_s: float, best: Solution | None, vehicle: Vehicle) -> Moment:
     driven = energies.trajectory
-    run = None if best.run is None else best.run.trajectory
+    run = None if best is None else best.trajectory
     node = max(int(np.searchsorted(driven.t_s, since_s, side="right")) - 1, 0)
     return Moment(
         speed_mps=float(driven.v_mps[node]),
