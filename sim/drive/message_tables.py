@@ -7,6 +7,7 @@ import importlib.util
 import io
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -72,9 +73,6 @@ class DataTable:
 
     def __getitem__(self, name: str) -> Column:
         return next(one for one in self.columns if one.name == name)
-
-    def __contains__(self, name: str) -> bool:
-        return any(one.name == name for one in self.columns)
 
     def __len__(self) -> int:
         return len(self.columns[0].values) if self.columns else 0
@@ -148,16 +146,10 @@ def _column(description: Any, messages: Sequence[Any | None], name: str, meaning
 def _named(values: list[Any], enumeration: Any) -> list[str | None]:
     """The names of an enumeration's values in lower case, without their common prefix."""
     names = {number: one.name for number, one in enumeration.values_by_number.items()}
-    common = _common_word(list(names.values()))
-    return [None if x is None else names.get(x, str(x))[len(common) :].lower() for x in values]
-
-
-def _common_word(names: list[str]) -> str:
-    """The common beginning of all names, up to an underscore: MODE_ of MODE_NONE and MODE_COAST."""
-    first = names[0]
-    ends = [i + 1 for i, letter in enumerate(first) if letter == "_"]
-    common = [first[:end] for end in ends if all(name.startswith(first[:end]) for name in names)]
-    return common[-1] if common and len(names) > 1 else ""
+    # Their common beginning ends in an underscore: MODE_ of MODE_NONE and MODE_COAST.
+    common = os.path.commonprefix(list(names.values()))  # noqa: RUF071  # of words, not of paths
+    begin = common.rfind("_") + 1 if len(names) > 1 else 0
+    return [None if x is None else names.get(x, str(x))[begin:].lower() for x in values]
 
 
 def _inner_tables(name: str, entries: Sequence[Stamped], times: list[int], zero_ns: int) -> Iterator[DataTable]:
