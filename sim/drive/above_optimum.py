@@ -121,6 +121,7 @@ class AboveOptimum:
         """The energies stated at the end of a recording; None if there are none, as in a recording of a node alone."""
         for entry in recording.of(topics.SAVING)[-1:]:
             found = entry.message
+            band = EnergyBand(found.likely_low_j, found.likely_high_j)
             return cls(
                 sections=tuple(
                     SectionEnergy(
@@ -131,7 +132,7 @@ class AboveOptimum:
                 ),
                 measured=found.measured,
                 why_not="" if found.comparable else found.not_comparable or SAID_BY_THE_RECORDING,
-                likely=_band(found.likely_low_j, found.likely_high_j),
+                likely=None if math.isnan(band.low_j + band.high_j) else band,
             )
         return None
 
@@ -236,10 +237,6 @@ def energy_words(energy_j: float, ratio: float | None) -> str:
 def percent_of_optimum(ratio: float) -> str:
     """A share of the optimum in words, "4.8 % of the optimum"."""
     return f"{100 * ratio:.1f} % of the optimum"
-
-
-def _band(low_j: float, high_j: float) -> EnergyBand | None:
-    return None if math.isnan(low_j + high_j) else EnergyBand(low_j, high_j)
 
 
 def why_not_comparable(sections: Iterable[SectionEnergy], *, direction_known: bool = True) -> str:

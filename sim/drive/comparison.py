@@ -627,7 +627,8 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
         told.append(f"They are different trains: {first.train} and {other.train}.")
     elif other.drive.table.inputs.vehicle.mass_kg != first.drive.table.inputs.vehicle.mass_kg:
         told.append("The train is the same, but its mass differs.")
-    told += energy_sentences(aligned, index)
+    found = aligned.equal_arrival(index)
+    told += [found.sentence(first.label), found.hangs_on, aligned.saved_by_advice(index).sentence]
     advised = aligned.first_different_advice(index)
     if advised is None:
         told.append("The advice was the same everywhere.")
@@ -637,9 +638,3 @@ def sentences(aligned: AlignedDrives, index: int) -> list[str]:
             f"{advised.other} in {other.label}."
         )
     return told
-
-
-def energy_sentences(aligned: AlignedDrives, index: int) -> list[str]:
-    """Sentences on the extra energy of a drive at equal arrival, its conditions, and the saving by advice."""
-    found = aligned.equal_arrival(index)
-    return [found.sentence(aligned.drives[0].label), found.hangs_on, aligned.saved_by_advice(index).sentence]

@@ -6,7 +6,7 @@ gradient from the line, forces and energy by inverse dynamics (docs/explanation/
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -180,18 +180,14 @@ def driven(table: DriveTable) -> Found:
     source = "truth" if len(true_ns) else "effort"
     forces_ns, electric_n, friction_n = table.of_topic(source, "force_el_n", "force_friction_n")
     measured = slice(None if input_j.any() else 0)
+    told_ns, delay_s = table.of_topic("delay", "delay_s")
     return {
         "speed/driven": _broken(table.course.time_ns, table.course.speed_mps / KMH),
         "force/driven": _broken(forces_ns, (electric_n + friction_n) / KN),
         "energy/driven": _broken(true_ns[measured], kwh(input_j[measured])),
         "gradient/permille": _broken(true_ns, gradient_ratio / PERMILLE),
-        **({} if table.own_timetable else {"deviation/operator": _pair(table.of_topic("delay", "delay_s"))}),
+        **({} if table.own_timetable else {"deviation/operator": (told_ns, delay_s)}),
     }
-
-
-def _pair(columns: tuple[Any, ...]) -> tuple[Times, Floats]:
-    time_ns, values = columns
-    return time_ns, values
 
 
 def _broken(time_ns: Times, values: Floats) -> tuple[Times, Floats]:
