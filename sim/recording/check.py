@@ -222,7 +222,21 @@ class Checked:
     @property
     def figures(self) -> dict[str, str]:
         """The figures in words, by name."""
-        return _figure_rows(self.recording, self.numbers)
+        recording, found = self.recording, self.numbers
+        first_ns, last_ns, missing = found["from_ns"], found["to_ns"], found["missing_messages"]
+        rows = {
+            "train": recording.train,
+            "kind": "an active node" if found["node_at_work"] else "a trip without a node",
+            "from, to (UTC)": f"{utc(first_ns)} – {utc(last_ns)[11:]}",
+            "lasts": f"{(last_ns - first_ns) * NS:.0f} s",
+            "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",
+            "checksums": "all right" if found["checksums_right"] else "see below",
+            "end of the file": "there" if recording.complete else "missing",
+            "sequence numbers": "none" if missing is None else f"{missing} missing" if missing else "without a hole",
+            "versions": ", ".join(f"{who} {version}" for who, version in found["versions"].items()) or "not said",
+            "input files attached": ", ".join(found["attached_files"]) or "none",
+        }
+        return {**rows, **{words: _up_to(found[name]) for name, words in TIMES.items() if name in found}}
 
     def as_dict(self) -> dict[str, Any]:
         """The result for programs; moments in ns since 1970, durations in s."""
@@ -296,23 +310,6 @@ def _figures(contents: Contents, recording: Recording) -> dict[str, Any]:
         "attached_files": list(recording.attachments),
         **_speed_of_advice(recording),
     }
-
-
-def _figure_rows(recording: Recording, found: Mapping[str, Any]) -> dict[str, str]:
-    first_ns, last_ns, missing = found["from_ns"], found["to_ns"], found["missing_messages"]
-    rows = {
-        "train": recording.train,
-        "kind": "an active node" if found["node_at_work"] else "a trip without a node",
-        "from, to (UTC)": f"{utc(first_ns)} – {utc(last_ns)[11:]}",
-        "lasts": f"{(last_ns - first_ns) * NS:.0f} s",
-        "size": f"{found['size_bytes'] / 1e6:.2f} MB, {found['messages']} messages",
-        "checksums": "all right" if found["checksums_right"] else "see below",
-        "end of the file": "there" if recording.complete else "missing",
-        "sequence numbers": "none" if missing is None else f"{missing} missing" if missing else "without a hole",
-        "versions": ", ".join(f"{who} {version}" for who, version in found["versions"].items()) or "not said",
-        "input files attached": ", ".join(found["attached_files"]) or "none",
-    }
-    return {**rows, **{words: _up_to(found[name]) for name, words in TIMES.items() if name in found}}
 
 
 TIMES: Final = {

@@ -53,11 +53,6 @@ class DrivenCourse:
                 return DrivenCourse(**{name: data[name][order] for name in ("time_ns", "s_m", "speed_mps")})
         raise DasError(f"{recording.path}: holds no positions of train {recording.train}, so there is nothing to show")
 
-    def trip_ns(self, time_ns: Times) -> Times:
-        """Time (ns) since the first position; 0 for earlier messages, because rerun draws nothing before 0."""
-        since_ns: Times = np.maximum(time_ns - self.time_ns[0], 0)
-        return since_ns
-
     def between_ns(self, start_ns: int, end_ns: int) -> Times:
         """The times (ns) of a part of the course: at both its ends, and at the positions between them."""
         inside = self.time_ns[(self.time_ns > start_ns) & (self.time_ns < end_ns)]
@@ -65,7 +60,8 @@ class DrivenCourse:
 
     def at(self, time_ns: Times, values: Floats) -> Floats:
         """Values along the course (one per position) at other times; before and after it, the values at its ends."""
-        return np.interp(self.trip_ns(time_ns), self.trip_ns(self.time_ns), values)
+        first_ns = self.time_ns[0]
+        return np.asarray(np.interp(np.maximum(time_ns - first_ns, 0), self.time_ns - first_ns, values))
 
 
 def stretches_of(holds: NDArray[np.bool_]) -> list[tuple[int, int]]:

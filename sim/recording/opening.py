@@ -181,13 +181,11 @@ class AttachedFiles:
             if not target.is_relative_to(root.resolve()):
                 raise DasError(f"{self._path}: its {path.name} names {name}, expected a file in the recording")
             brought = self._attached.get(self.sha256(loss_map)) if key == LOSS_MAPS else None
-            brought = brought or self._of_name(target.name)
+            named = (other for other in self._attached.values() if Path(other.name).name == target.name)
+            brought = brought or next(named, None)
             if brought is not None:
                 put(target, brought.data)
         return path
-
-    def _of_name(self, name: str) -> records.Attachment | None:
-        return next((one for one in self._attached.values() if Path(one.name).name == name), None)
 
 
 ELSEWHERE: Final = ("trip", "what_if_of", "driver")
