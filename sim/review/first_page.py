@@ -550,7 +550,7 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
     """Signals passed at danger, speeds above the limit and missed stops: one finding for each, about the worst."""
     passed = sorted(signals_passed(drive.table.course, drive.signals), key=lambda one: -one.beyond_m)
     if passed:
-        yield _at_signal(drive, passed[0], len(passed))
+        yield _at_signal(passed[0], len(passed))
     for kind in SAFETY_LABELS:
         events = [one for one in drive.events if one.kind is kind]
         if events:
@@ -558,7 +558,7 @@ def _safety_findings(drive: Drive) -> Iterator[DriveFinding]:
             yield _of_event(drive, worst, len(events))
 
 
-def _at_signal(drive: Drive, passed: PassedSignal, count: int) -> DriveFinding:
+def _at_signal(passed: PassedSignal, count: int) -> DriveFinding:
     text = f"The head of the train went {passed.beyond_m:.0f} m beyond it.{_worst_of(count)}"
     place = FoundPlace(passed.s_m, passed.s_m, passed.time_ns, passed.time_ns)
     return DriveFinding(code=SIGNAL_PASSED, label="signal passed at danger", text=text, places=(place,))
@@ -593,7 +593,9 @@ def _energy_findings(drive: Drive) -> Iterator[DriveFinding]:
         if cause is EnergyCause.TOO_MUCH_EFFORT:
             text += _given_away(drive, attribution)
         if cause is EnergyCause.FRICTION:
-            text += f" {_friction_words(drive)}"
+            chosen = friction_chosen_by(drive)
+            unknown = " It was not recorded whether the driver or the brake control chose the friction brake."
+            text += f" It is due to {chosen}." if chosen else unknown
         yield DriveFinding(
             code=str(cause),
             label=label,
@@ -623,13 +625,6 @@ def _given_away(drive: Drive, attribution: Attribution) -> str:
     forbidden = best_forbidden(drive, slow.start_m, slow.end_m, slow.start_ns, slow.end_ns)
     best = "" if forbidden else best_words(slow.best, (way_m / slow.driven_s, way_m / slow.optimum_s))
     return f" Most time was lost from {place}: {slow.driven_s - slow.optimum_s:.0f} s{best}."
-
-
-def _friction_words(drive: Drive) -> str:
-    chosen = friction_chosen_by(drive)
-    if not chosen:
-        return "It was not recorded whether the driver or the brake control chose the friction brake."
-    return f"It is due to {chosen}."
 
 
 def _hurried_for(drive: Drive, stretches: Sequence[CauseStretch]) -> str:

@@ -58,7 +58,7 @@ def lane_rows(axis: Any, lanes: Sequence[Lane], end_ns: int, along: Along) -> di
     axis.grid(visible=False, axis="y")
     for row, lane in enumerate(lanes):
         for change, following in pairwise([*lane.changes, lane.changes[-1]._replace(time_ns=end_ns)]):
-            start, end = along(_times(change.time_ns, following.time_ns))
+            start, end = along(np.array([change.time_ns, following.time_ns]))
             if change.state:
                 color = lane.color(change.state, LIGHT)
                 axis.broken_barh([(start, end - start)], (row + 0.08, 0.84), facecolor=color, edgecolor=color, lw=0.8)
@@ -87,10 +87,6 @@ def name_stops(
             name, (start + 0.5 * width, 1.0), (0.0, at_points[row]), xycoords="axes fraction",
             textcoords="offset points", ha="center", color=INK, fontsize=SMALL + 1.0,
         )  # fmt: skip
-
-
-def _times(*time_ns: int) -> Times:
-    return np.array(time_ns, dtype=np.int64)
 
 
 INK: Final = LIGHT.ink

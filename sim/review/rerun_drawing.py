@@ -261,10 +261,13 @@ LANE_SHARE: Final = 0.6
 
 def blueprint(scene: ReviewScene) -> rrb.Blueprint:
     """The layout for a window of about 1600 × 1000; views without anything to show are left out."""
+    tabs = [_rows(rows, scene, name) for name, rows in TABS.items()]
+    recorded = scene.drive.table.has("cab")
+    display = "Display at the cursor" if recorded else "Advice at the cursor (no display was recorded)"
     return rrb.Blueprint(
         rrb.Horizontal(
-            _over_time(scene),
-            rrb.Vertical(rrb.TextDocumentView(origin=CAB, name=_cab(scene)), rrb.Tabs(*_tabs(scene))),
+            rrb.Tabs(*(tab for tab in tabs if tab is not None)),
+            rrb.Vertical(rrb.TextDocumentView(origin=CAB, name=display), rrb.Tabs(*_tabs(scene))),
             column_shares=[2.05, 1.0],
         ),
         rrb.TimePanel(timeline=Timelines.of_scene(scene).line_clock, state="collapsed", play_state="Paused"),
@@ -274,21 +277,14 @@ def blueprint(scene: ReviewScene) -> rrb.Blueprint:
     )
 
 
-def _over_time(scene: ReviewScene) -> rrb.Container:
-    tabs = [_rows(rows, scene, name) for name, rows in TABS.items()]
-    return rrb.Tabs(*(tab for tab in tabs if tab is not None))
-
-
-def _cab(scene: ReviewScene) -> str:
-    return "Display at the cursor" if scene.drive.table.has("cab") else "Advice at the cursor (no display was recorded)"
-
-
 def _tabs(scene: ReviewScene) -> list[rrb.View]:
     clock = Timelines.of_scene(scene).line_clock
     columns = rrb.TextLogColumns(timeline_columns=[clock], text_log_columns=["body"])
-    found: list[rrb.View] = [rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns)]
-    found.append(rrb.TextDocumentView(origin=ENERGY, name="Energy"))
-    found.append(rrb.TextDocumentView(origin="summary", name="Summary"))
+    found: list[rrb.View] = [
+        rrb.TextLogView(origin=BOOKMARKS, name="Bookmarks", columns=columns),
+        rrb.TextDocumentView(origin=ENERGY, name="Energy"),
+        rrb.TextDocumentView(origin="summary", name="Summary"),
+    ]
     if scene.drive.table.said.node or scene.drive.table.said.simulator:
         found.append(rrb.TextLogView(origin="events", name="Log", columns=columns))
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -119,17 +120,17 @@ def lanes(drive: Drive) -> tuple[Lane, ...]:
     """The lanes that are not empty."""
     table, trip, silent = drive.table, drive.table.course, drive.silences
     danger = [Span(one.start_ns, one.end_ns, f"at danger, km {one.s_m / KM:.1f}") for one in drive.signals]
-    modes = _states(_mode, *table.of_topic("advice", "mode"))
+    modes = _states(partial(_name, das_pb2.Mode), *table.of_topic("advice", "mode"))
     shown_ns, displays, shown_modes = table.of_topic("cab", "presentation", "mode")
     shown = _states(_shown, shown_ns, displays, shown_modes)
-    states = _states(_state, *table.of_topic("status", "state"))
+    states = _states(partial(_name, das_pb2.Status.State), *table.of_topic("status", "state"))
     found = (
         lane_of_stops(at_stops(drive.calls, trip)),
         Lane("advised", _changes(trip, modes, silent), MODES),
         Lane("shown", _changes(trip, shown, ()), {**MODES, **_without_mode(set(displays.tolist()))}),
         Lane("node", _changes(trip, states, silent), STATES),
-        Lane("no advice", _spans(trip, silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
-        Lane("signal", _spans(trip, danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
+        Lane("no advice", _spans(silent), dict.fromkeys((span.text for span in silent), Meaning.NO_ADVICE)),
+        Lane("signal", _spans(danger), dict.fromkeys((span.text for span in danger), Meaning.DANGER)),
     )
     return tuple(lane for lane in found if any(change.state for change in lane.changes))
 
@@ -185,7 +186,7 @@ def lane_of_stops(stops: Sequence[AtStop]) -> Lane:
     return Lane(WAY, tuple(changes), colors)
 
 
-def _spans(trip: DrivenCourse, spans: Iterable[Span]) -> tuple[Change, ...]:
+def _spans(spans: Iterable[Span]) -> tuple[Change, ...]:
     found: list[Change] = []
     for span in spans:
         if found and found[-1].time_ns == span.start_ns:
@@ -200,14 +201,6 @@ def _name(kind: Any, number: int) -> str:
         return str(number)
     name = kind.Name(number).split("_", 1)[1].replace("_", " ").lower()
     return "" if name == "none" else str(name)
-
-
-def _mode(number: int) -> str:
-    return _name(das_pb2.Mode, number)
-
-
-def _state(number: int) -> str:
-    return _name(das_pb2.Status.State, number)
 
 
 def _shown(presentation: int, mode: int) -> str:
@@ -385,11 +378,6 @@ def _bookmarks(drive: Drive) -> tuple[Mark, ...]:
     )
 
 
-def meaning_of(cause: EnergyCause) -> Meaning:
-    """The meaning of the colour of a cause."""
-    return COST_MEANINGS.get(cause, Meaning.LOST)
-
-
 class CostSpan(NamedTuple):
     """A span of time (ns since 1970), with the energy above the optimum (J) that one cause cost in this span."""
 
@@ -411,7 +399,7 @@ def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
     for span in (span for leg in attribution.legs for span in spans_of(leg)):
         text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
         if text:
-            colors[text] = meaning_of(span.cause)
+            colors[text] = COST_MEANINGS.get(span.cause, Meaning.LOST)
         while changes and changes[-1].time_ns >= span.start_ns:
             changes.pop()
         changes += [Change(span.start_ns, text), Change(span.end_ns, "")]

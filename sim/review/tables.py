@@ -52,7 +52,9 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     told = restrictions_told(drive)
     rows += [("temporary restrictions received", told)] if told else []
     if drive.table.has("advice"):
-        rows.append(("advice withdrawn", _withdrawn(drive)))
+        lasted_s = [one.facts["lasted_s"] for one in events if one.kind is EventKind.WITHDRAWAL]
+        often = f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
+        rows.append(("advice withdrawn", often))
     followed = compliance(drive)
     if followed is not None:
         share = f"{followed:.0%} of {spell(shown_s(drive))}"
@@ -66,11 +68,6 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
     warning = drive.figures.stability.warning
     rows += [(name.strip(), value) for name, value in drive.figures.rows()]
     return rows + ([] if warning is None else [("warning", warning)])
-
-
-def _withdrawn(drive: Drive) -> str:
-    lasted_s = [one.facts["lasted_s"] for one in drive.events if one.kind is EventKind.WITHDRAWAL]
-    return f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
 
 
 def _energy_rows(attribution: Attribution) -> list[tuple[str, str]]:
