@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -32,8 +33,6 @@ class GuidePresenter(Presenter):
         if guide is None or int(guide.now.mode) == Regime.NONE:
             return None
         mode = int(guide.now.mode)
-        departs = mode == Regime.DEPART
-        following = _departure(guide.now) if departs else guide.following[0] if guide.following else None
         return replace(
             blank,
             mode=mode,
@@ -41,12 +40,7 @@ class GuidePresenter(Presenter):
             display_speed_mps=guide.now.speed_mps,
             lever_ratio=guide.lever_ratio,
             force_n=guide.reference_force_n,
-            next_mode=int(following.mode) if following is not None else Regime.NONE,
-            next_change_s=following.in_s if following is not None else math.nan,
-            next_speed_mps=following.speed_mps if following is not None else math.nan,
-            next_effort_ratio=following.effort_ratio if following is not None else math.nan,
-            next_change_m=following.way_m if following is not None and not departs else math.nan,
-            **_second(guide.following[1] if len(guide.following) > 1 and not departs else None),
+            **_changes([_departure(guide.now)] if mode == Regime.DEPART else guide.following),
             due_s=guide.now.in_s,
             target_way_m=guide.target_m,
             reason=Reason.read(guide.reason),
@@ -86,16 +80,18 @@ class GuidePresenter(Presenter):
         return GuideFollower()
 
 
-def _second(change: Any | None) -> dict[str, Any]:
-    if change is None:
-        return {}
-    return {
-        "second_mode": int(change.mode),
-        "second_change_s": change.in_s,
-        "second_change_m": change.way_m,
-        "second_speed_mps": change.speed_mps,
-        "second_effort_ratio": change.effort_ratio,
-    }
+def _changes(ahead: Sequence[Any]) -> dict[str, Any]:
+    """The fields of the first two changes ahead."""
+    found: dict[str, Any] = {}
+    for which, change in zip(("next", "second"), ahead, strict=False):
+        found |= {
+            f"{which}_mode": int(change.mode),
+            f"{which}_change_s": change.in_s,
+            f"{which}_change_m": change.way_m,
+            f"{which}_speed_mps": change.speed_mps,
+            f"{which}_effort_ratio": change.effort_ratio,
+        }
+    return found
 
 
 def _effort_steps(view: AdviceView) -> int:
@@ -109,7 +105,7 @@ def _effort_steps(view: AdviceView) -> int:
 def _departure(now: Any) -> Instruction:
     """The instruction for a train that the guide advises to depart; due as soon as the train is cleared."""
     mode = departure_regime(now.effort_ratio)
-    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, in_s=math.nan)
+    return Instruction(mode=mode, speed_mps=now.speed_mps, effort_ratio=now.effort_ratio, way_m=math.nan, in_s=math.nan)
 
 
 PRESENTER: Final = GuidePresenter()
