@@ -94,9 +94,8 @@ class StopMark:
         """The estimated position (m) of the mark."""
         if cab.halt_m != self._for_m:
             self._for_m = cab.halt_m
-            most_m = MISSED_M
             off_m = self._human.stop_error_m * float(self._random.standard_normal())
-            off_m = min(max(off_m, -most_m), most_m)
+            off_m = min(max(off_m, -MISSED_M), MISSED_M)
             self._off_m = -abs(off_m) if cab.signal_m < cab.stop_m else off_m
         return cab.halt_m + self._off_m
 

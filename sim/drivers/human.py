@@ -355,7 +355,7 @@ class HumanDriver:
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         told = asked(view.mode, target, effort, cab.speed_mps)
         if told is Asked.BRAKE_BY_EYE:
-            return self._by_eye(cab, outlook)
+            return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
         if math.isnan(effort):
             brakes = told is Asked.BRAKE
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0
@@ -372,9 +372,6 @@ class HumanDriver:
         if told is Asked.KEEP_BELOW and target > 0:
             return min(self.handling.held(cab, outlook, target), 0.0)
         return 0.0
-
-    def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
 
     def _soon_over(self, cab: CabView, outlook: Outlook, effort: float, target_mps: float) -> bool:
         if self._hand.setting * math.copysign(1.0, effort) >= BEGUN_RATIO * abs(effort):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -140,17 +139,6 @@ class LineKnowledge:
         return min(wish_mps2, PLANNED_RATIO * min(brakes_mps2, train.max_deceleration_mps2))
 
 
-class _Lists(NamedTuple):
-    """Values that are looked up one by one many times a second; lists are faster than arrays there."""
-
-    allowed_w: list[float]
-    """Square of the highest speed (m²/s²) at each node."""
-    line_n: list[float]
-    """Force (N) of gradient and curves in each cell."""
-    tunnel_n_per_mps2: list[float]
-    """Additional v² coefficient (N/(m/s)²) of tunnels in each cell."""
-
-
 class Outlook:
     """The line up to the next halt as a driver with a certain habit of braking foresees it.
 
@@ -177,13 +165,17 @@ class Outlook:
         )  # fmt: skip
         self.top_mps = math.sqrt(self._top.max())
         """The highest speed anywhere up to the halt."""
-        self._lists = _Lists(self._top.tolist(), self._line_n.tolist(), self._tunnel.tolist())
+        # For values that are looked up one by one many times a second, lists are faster than arrays.
+        self._allowed_w: list[float] = self._top.tolist()
+        self._cells_line_n: list[float] = self._line_n.tolist()
+        self._cells_tunnel: list[float] = self._tunnel.tolist()
 
     def allowed_mps(self, s_m: float) -> float:
         """The highest speed (m/s) from which planned braking keeps all known limits and stops ahead."""
         if s_m >= self.halt_m:
             return 0.0
-        return self._root(self._lists.allowed_w, s_m)
+        (i, part), w = self._cell(s_m), self._allowed_w
+        return math.sqrt(w[i] + part * (w[i + 1] - w[i]))
 
     def needed_braking_mps2(self, s_m: float, speed_mps: float, least_way_m: float) -> float:
         """The constant deceleration (m/s²) for the speeds allowed ahead, with distances of at least `least_way_m`."""
@@ -202,8 +194,8 @@ class Outlook:
         """The force (N) that resists the train at `s_m`: running resistance, tunnel, curves and gradient."""
         i, _ = self._cell(s_m)
         train = self.train
-        quadratic = train.c2_n_per_mps2 + self._lists.tunnel_n_per_mps2[i]
-        return self._lists.line_n[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
+        quadratic = train.c2_n_per_mps2 + self._cells_tunnel[i]
+        return self._cells_line_n[i] + train.c0_n + speed_mps * (train.c1_n_per_mps + quadratic * speed_mps)
 
     def cap_for(self, time_s: float, s_m: float, speed_mps: float) -> float:
         """The top speed (m/s) with which the train reaches the halt `time_s` after now."""
@@ -218,10 +210,6 @@ class Outlook:
         x = (s_m - self._first_m) / CELL_M
         i = min(max(int(x), 0), self._cells - 1)
         return i, min(max(x - i, 0.0), 1.0)
-
-    def _root(self, w: list[float], s_m: float) -> float:
-        i, part = self._cell(s_m)
-        return math.sqrt(w[i] + part * (w[i + 1] - w[i]))
 
 
 class Foresight:

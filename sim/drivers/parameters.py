@@ -196,13 +196,11 @@ class Spread:
         """The value for a number from the standard normal distribution."""
         if self.sd == 0:
             return self.middle
-        lowest, highest = (NORMAL.cdf(self._standard(end)) for end in (self.low, self.high))
+        middle = self._straight(self.middle)
+        lowest, highest = (NORMAL.cdf((self._straight(end) - middle) / self.sd) for end in (self.low, self.high))
         share = lowest + NORMAL.cdf(normal) * (highest - lowest)
         cut = NORMAL.inv_cdf(min(max(share, MOST_CERTAIN), 1.0 - MOST_CERTAIN))
-        return min(max(self._of_straight(self._straight(self.middle) + self.sd * cut), self.low), self.high)
-
-    def _standard(self, value: float) -> float:
-        return (self._straight(value) - self._straight(self.middle)) / self.sd
+        return min(max(self._of_straight(middle + self.sd * cut), self.low), self.high)
 
     def _straight(self, value: float) -> float:
         """The normally distributed quantity: the value, its logarithm or its logit."""
@@ -277,14 +275,9 @@ def participant_of(driver: DriverName, number: int | None, population: str | Non
     return Participant(population=load_population(DEFAULT if population is None else population), number=number)
 
 
-def bundled_populations() -> dict[str, Path]:
-    """The files of the bundled populations, by name."""
-    return bundled_files("sim.drivers", "populations")
-
-
 def load_population(name_or_path: str) -> Population:
     """Read a bundled population or a TOML file; raises DasError or InputError for anything unusable."""
-    return read_population(locate(name_or_path, "population", bundled_populations()))
+    return read_population(locate(name_or_path, "population", bundled_files("sim.drivers", "populations")))
 
 
 def read_population(path: Path) -> Population:
@@ -355,8 +348,8 @@ def _correlations(fields: Fields, names: Sequence[str]) -> tuple[Correlation, ..
         if (
             not isinstance(pair, list)
             or len(pair) != 2
-            or not all(name in names for name in pair)
             or pair[0] == pair[1]
+            or not all(name in names for name in pair)
         ):
             raise table.error("between", pair, "two of the parameters of this population")
         if frozenset(pair) in found:
