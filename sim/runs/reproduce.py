@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
 import tempfile
 from collections import Counter, defaultdict
@@ -381,7 +382,7 @@ class Comparison:
         """The number of messages and the largest difference (NaN: not a number) for each field that differs."""
         found: dict[str, list[float]] = defaultdict(list)
         for one in self.differences:
-            for path, by in {(_bare(x.path), x.by) for x in one.fields}:
+            for path, by in {(re.sub(r"\[\d+\]", "", x.path), x.by) for x in one.fields}:
                 found[f"{one.topic}.{path}"].append(by)
         known = {path: [by for by in bys if not math.isnan(by)] for path, bys in found.items()}
         return {path: (len(bys), max(known[path], default=math.nan)) for path, bys in found.items()}
@@ -490,10 +491,6 @@ def tolerance(name: str, value: float) -> float:
     return RELATIVE * abs(value) if isinstance(value, float) else 0.0
 
 
-def _bare(path: str) -> str:
-    return "".join(part.partition("]")[2] if "]" in part else part for part in path.split("["))
-
-
 EXTRACT, SAID_FROM, SAID_TO = "extract", "said_from_ns", "said_to_ns"
 """Metadata of an extract: a recording of all messages that its node received, and a part of those it sent."""
 BY_THE_WALL = (
@@ -570,7 +567,9 @@ def reproduce(
         today = hearing.run(messages, progress)
     span = _span(contents)
     found = compare(within(recorded_words(messages, COMPARED), span), within(today, span))
-    notes = [*given.notes, *([] if by_bus else [BY_THE_WALL]), *_tables_note(contents, found, tables)]
+    notes = [*given.notes, *([] if by_bus else [BY_THE_WALL])]
+    if tables is None and any(one.topic is ADVICE and one.message.source == Source.TABLE for one in contents.messages):
+        notes.append("the node used tables: give their folder with --tables")
     return Reproduction(
         path=path,
         train=train,
@@ -597,8 +596,3 @@ def _span(contents: Contents) -> tuple[int, int]:
 def within(said: list[Said], span: tuple[int, int]) -> list[Said]:
     """The messages that were sent in a span of time (ns)."""
     return [one for one in said if span[0] <= message_time_ns(one.message) <= span[1]]
-
-
-def _tables_note(contents: Contents, found: Comparison, tables: Path | None) -> list[str]:
-    used = any(one.topic is ADVICE and one.message.source == Source.TABLE for one in contents.messages)
-    return ["the node used tables: give their folder with --tables"] if used and tables is None else []
