@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timedelta
 from typing import Any, Final
 
 import msgspec
@@ -39,6 +39,7 @@ def hello_of(
     the kind of its instruction, which determines the sign on the page.
     """
     route, vehicle, stops = line
+    offset = datetime.fromtimestamp(time_ns * NS, route.zone).utcoffset() or timedelta()
     return {
         "t": "hello",
         "language": language,
@@ -52,7 +53,7 @@ def hello_of(
         "words": {
             one: {"no_advice": wording.mode_words(Regime.NONE, one), **wording.lateness(one)} for one in Language
         },
-        "utc_offset_min": _utc_offset_min(route, time_ns),
+        "utc_offset_min": round(offset.total_seconds() / 60),
     }
 
 
@@ -99,12 +100,6 @@ def _presentations() -> dict[int, dict[str, Any]]:
         }
         for name, one in presenters.items()
     }
-
-
-def _utc_offset_min(route: Route, time_ns: int) -> int:
-    """Offset (min) of the line's clock from UTC at a time (ns since 1970)."""
-    offset = datetime.fromtimestamp(time_ns * NS, UTC).astimezone(route.zone).utcoffset()
-    return 0 if offset is None else round(offset.total_seconds() / 60)
 
 
 def cab_fields(message: Any) -> dict[str, Any]:
