@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-from mcap import records
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
@@ -102,22 +101,15 @@ def _write(file: IO[bytes], raw: Raw, found: Recovered) -> None:
         if right is not False:
             name = record.name if right else f"{UNCHECKED}{record.name}"
             writer.add_metadata(name, sealed(name, record.metadata))
-    _note_recovery(writer, found)
+    losses = [*found.losses(), *([] if found.health.complete else ["it was cut off"])]
+    if losses:
+        writer.add_metadata(RECOVERED, sealed(RECOVERED, {"file": found.source.name, "lost": "; ".join(losses)}))
     channels = _channels(writer, raw)
     for message in raw.messages:
         if message.channel_id in channels:
             new = channels[message.channel_id]
             writer.add_message(new, message.log_time, message.data, message.publish_time, message.sequence)
     writer.finish()
-
-
-def _note_recovery(writer: McapWriter, found: Recovered) -> None:
-    losses = found.losses()
-    if not found.health.complete:
-        losses.append("it was cut off")
-    if losses:
-        data = {"file": found.source.name, "lost": "; ".join(losses)}
-        writer.add_metadata(RECOVERED, sealed(RECOVERED, data))
 
 
 def _channels(writer: Any, raw: Raw) -> dict[int, int]:
@@ -128,22 +120,17 @@ def _channels(writer: Any, raw: Raw) -> dict[int, int]:
         channel = raw.channels.get(old)
         if channel is None:
             continue
-        schema = raw.schemas.get(channel.schema_id)
+        schema, ours = raw.schemas.get(channel.schema_id), topic_of(channel.topic)
         if schema is not None and schema.id not in schemas:
-            schemas[schema.id] = _schema(writer, schema, channel.topic)
+            # A schema of ours is known even if its chunk was lost.
+            data = schema_of(ours.message) if ours is not None and not schema.data else schema.data
+            schemas[schema.id] = int(writer.register_schema(schema.name, schema.encoding, data))
         number = 0 if schema is None else schemas[schema.id]
         new = writer.register_channel(channel.topic, channel.message_encoding, number, channel.metadata)
         channels[old] = int(new)
-        if topic_of(channel.topic) is not None:
+        if ours is not None:
             described = {"topic": channel.topic, "schema": schema.name if schema else "", "schema_id": str(number)}
             described |= {NUMBERED: "yes"} if raw.numbered else {}
             described |= {RECORDING: channel.metadata[RECORDING]} if RECORDING in channel.metadata else {}
             writer.add_metadata(f"{CHANNELS}{new}", sealed(f"{CHANNELS}{new}", described))
     return channels
-
-
-def _schema(writer: Any, schema: records.Schema, topic: str) -> int:
-    """The new number of a schema; one of ours is known even if its chunk was lost."""
-    ours = topic_of(topic)
-    data = schema_of(ours.message) if ours is not None and not schema.data else schema.data
-    return int(writer.register_schema(schema.name, schema.encoding, data))
