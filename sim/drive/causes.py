@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Source
-from das.advice.regimes import Regime
+from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
 from sim.drive.table import HOLDS_NS, DriveTable
@@ -205,9 +205,6 @@ EFFORT_RATIO: Final = 0.15
 AHEAD_S: Final = 2.0
 """Time (s) over which actual and optimal effort are compared, because forces take a second to build up."""
 
-PULLING: Final = (Regime.FULL_TRACTION, Regime.REDUCED_TRACTION)
-BRAKING: Final = (Regime.REDUCED_BRAKE, Regime.FULL_BRAKE, Regime.FRICTION_BRAKE)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Moment:
@@ -259,7 +256,7 @@ class Judge:
 
     def _by_advice(self, now: Moment, seen: Seen) -> EnergyCause:
         over = now.speed_mps > seen.speed_mps + APART_MPS and seen.speed_mps > 0
-        slowing = seen.mode in (Regime.COAST, *BRAKING) and not seen.top_only
+        slowing = seen.mode in (Regime.COAST, *BRAKES) and not seen.top_only
         if slowing and not self._coasting_due:
             self._was_over = self._over_moments >= LASTS
             self._neutral_moments = self._slowing_moments = 0
@@ -292,7 +289,7 @@ def _other_effort(now: Moment, seen: Seen) -> bool:
     if seen.top_only or seen.mode is Regime.DEPART:  # The advice to depart does not apply to a moving train.
         return False
     if math.isnan(seen.lever_ratio) or math.isnan(seen.advised_ratio):
-        return seen.mode in PULLING and now.brakes
+        return seen.mode in TRACTION and now.brakes
     more = max(seen.lever_ratio - seen.advised_ratio, now.driven_ratio - max(seen.advised_ratio, 0.0))
     less = seen.advised_ratio - seen.lever_ratio
     faster, slower = now.speed_mps > seen.speed_mps - SAME_MPS, now.speed_mps < seen.speed_mps - APART_MPS

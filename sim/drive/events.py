@@ -121,12 +121,11 @@ class Filter:
 
     def choose(self, events: Iterable[DriveEvent]) -> tuple[DriveEvent, ...]:
         """The events that pass, in their order."""
-        return tuple(one for one in events if self._passes(one))
-
-    def _passes(self, one: DriveEvent) -> bool:
-        return (
-            (not self.kinds or one.kind in self.kinds)
-            and (not self.bookmarks or bool(one.mark) or one.kind is EventKind.NOTE)
+        return tuple(
+            one
+            for one in events
+            if (not self.kinds or one.kind in self.kinds)
+            and (not self.bookmarks or one.mark or one.kind is EventKind.NOTE)
             and (self.from_ns is None or one.last_ns >= self.from_ns)
             and (self.to_ns is None or one.time_ns <= self.to_ns)
         )
@@ -215,7 +214,7 @@ def deviation_events(table: DriveTable) -> Iterator[DriveEvent]:
 
 def bookmarks(events: Sequence[DriveEvent]) -> tuple[DriveEvent, ...]:
     """All bookmarks in order of time: those that the program made, and the notes of people."""
-    return tuple(one for one in events if one.mark or one.kind is EventKind.NOTE)
+    return Filter(bookmarks=True).choose(events)
 
 
 NOT_HEARD: Final = "no message from the node"

@@ -152,9 +152,5 @@ def _departure(name: str, speed_mps: float, ratio: float) -> str:
 
 
 def _text(head: str, rows: list[tuple[str, str]], foot: str = "") -> str:
-    return "\n".join([head, "", *_table([row for row in rows if row[1]]), foot]).rstrip()
-
-
-def _table(rows: list[tuple[str, str]]) -> list[str]:
-    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows]
-    return ["|  | |", "|---|---|", *body, ""]
+    body = [f"| {name} | {value.replace('|', '/')} |" for name, value in rows if value]
+    return "\n".join([head, "", "|  | |", "|---|---|", *body, "", foot]).rstrip()
