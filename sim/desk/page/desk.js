@@ -4,7 +4,7 @@ import * as draw from "./draw.js";
 import { Lever } from "./lever.js";
 import { Replay } from "./replay.js";
 import { Session } from "./session.js";
-import { $, distance, fill, kmh, Shown, SILENCE } from "./show.js";
+import { $, distance, fill, kmh, make, Shown, SILENCE } from "./show.js";
 import { LANGUAGES, WORDS } from "./words.js";
 
 const STALE_MS = 1500; // a link silent for this long counts as lost, and its advice with it
@@ -116,11 +116,6 @@ function veil() {
 
 // The list of keys, with those of tasks beside driving.
 function keyList(tasks = []) {
-  const item = (...parts) => {
-    const li = document.createElement("li");
-    li.append(...parts);
-    return li;
-  };
   const keys = [
     ["↑ W", words.k_up],
     ["↓ S", words.k_down],
@@ -133,12 +128,8 @@ function keyList(tasks = []) {
     ...(tasks.includes("pedal") ? [["V", words.pedal]] : []),
     ...(tasks.includes("detection") ? [["D", words.detection]] : []),
   ];
-  const items = keys.map(([key, text]) => {
-    const kbd = document.createElement("kbd");
-    kbd.textContent = key;
-    return item(kbd, text);
-  });
-  return [...items, item(words.k_pointer)];
+  const items = keys.map(([key, text]) => make("li", {}, make("kbd", {}, key), text));
+  return [...items, make("li", {}, words.k_pointer)];
 }
 
 function arrived() {

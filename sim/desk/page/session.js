@@ -1,18 +1,10 @@
 // A session of an experiment on the veil: its steps, the answers of the participant, and the end that is always open.
-import { $, fill, minutes } from "./show.js";
+import { $, fill, make, minutes } from "./show.js";
 
 const SETTLES_MS = 600; // a text is sent when its writer pauses for this long
 const ASKED_MS = 2000; // a second press within this time does not ask for another step
 const MOST_RADIOS = 11; // a scale with more values is a slider
 const KEYS = { KeyV: "pedal", KeyD: "detection" };
-
-// An element with properties, attributes (in `attr`) and children.
-function make(name, { attr = {}, ...properties } = {}, ...children) {
-  const node = Object.assign(document.createElement(name), properties);
-  Object.entries(attr).forEach(([key, value]) => node.setAttribute(key, value));
-  node.append(...children);
-  return node;
-}
 
 export class Session {
   // `send(message)` sends to the server if the connection is open; `wall(stamp)` is the wall clock (ms).

@@ -8,6 +8,13 @@ export const $ = (id) => document.getElementById(id);
 export const fill = (node, words) => {
   if (node.textContent !== words) node.textContent = words;
 };
+// An element with properties, attributes (in `attr`) and children.
+export function make(name, { attr = {}, ...properties } = {}, ...children) {
+  const node = Object.assign(document.createElement(name), properties);
+  Object.entries(attr).forEach(([key, value]) => node.setAttribute(key, value));
+  node.append(...children);
+  return node;
+}
 export const kmh = (v) => `${Math.round(v * KMH)}`;
 export const minutes = (s) => `${Math.floor(s / 60)}:${String(Math.floor(s % 60)).padStart(2, "0")}`;
 const big = (words) => words.charAt(0).toUpperCase() + words.slice(1);
@@ -255,11 +262,7 @@ export class Shown {
   list(rows) {
     const list = $("coming");
     while (list.children.length > rows.length) list.lastChild.remove();
-    while (list.children.length < rows.length) {
-      const item = document.createElement("li");
-      item.append(...["b", "span", "i"].map((name) => document.createElement(name)));
-      list.append(item);
-    }
+    while (list.children.length < rows.length) list.append(make("li", {}, make("b"), make("span"), make("i")));
     rows.forEach(({ at, words, said, time }, i) => {
       const [name, way, when] = list.children[i].children;
       list.children[i].className = time == null ? "" : "advised";

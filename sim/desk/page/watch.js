@@ -1,5 +1,5 @@
 // The experimenter's page: shows the state of a session, and sends marks, notes and the request to end a trial.
-import { $, distance, fill, kmh, minutes, span } from "./show.js";
+import { $, distance, fill, kmh, make, minutes, span } from "./show.js";
 import { spoken, WORDS } from "./words.js";
 
 // The words of this page only, which participants do not see.
@@ -123,11 +123,7 @@ function show({ language, participant, step, trial, of, practice, condition, dri
 
 // Writes rows of texts; a list that has not changed keeps its place.
 function list(id, rows) {
-  const items = rows.map((texts) => {
-    const item = document.createElement("li");
-    item.append(...texts.map((text) => Object.assign(document.createElement("span"), { textContent: text })));
-    return item;
-  });
+  const items = rows.map((texts) => make("li", {}, ...texts.map((textContent) => make("span", { textContent }))));
   const written = (all) => all.map((one) => one.textContent).join();
   if (written(items) !== written([...$(id).children])) $(id).replaceChildren(...items);
 }
