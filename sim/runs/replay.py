@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -340,12 +341,12 @@ def replay(
 def _play(job: ReplayJob, lockstep: Lockstep, progress: Callable[[int, int], None]) -> None:
     timing = job.timing
     ticks = int(np.ceil((timing.last_tick_ns - timing.first_tick_ns) * NS / TICK_S)) + 1
-    feed = _Feed(job)
+    feed = deque(_feed(job))
     began = time.perf_counter()
     for tick in range(1, ticks + 1):
         now_ns = timing.first_tick_ns + round((tick - 1) * TICK_S / NS)
-        for outgoing in feed.until(now_ns):
-            lockstep.send(*outgoing)
+        while feed and feed[0][0] <= now_ns:
+            lockstep.send(*feed.popleft()[1])
         if job.speed is not None:
             sleep_until(began + (tick - 1) * TICK_S / job.speed)
         lockstep.ask(now_ns, tick)
@@ -367,84 +368,72 @@ def _journey(job: ReplayJob) -> JourneyHeard:
     )
 
 
-class _Feed:
-    """The messages of sensors and operator, and the truth, in order of time."""
+def _feed(job: ReplayJob) -> list[tuple[int, Outgoing]]:
+    """The messages of sensors and operator, and the truth, with their times (ns since 1970) and in order of them."""
+    timing = job.timing
+    late_s = (job.departed_ns - timing.departure_ns) * NS
+    late = "no timetable was given" if timing.own else f"departed {late_s:.0f} s late"
+    text = f"replay of {job.trip.path.name}, {late}"
+    # A recorded trip contains no temporary restrictions; the node needs an empty list.
+    at_ns = timing.first_tick_ns
+    first = codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=())), Outgoing(LOG, happened(at_ns, text))
+    sent = [*_positions(job.trip), *_delays(job), *_truth(job), *((at_ns, one) for one in first)]
+    return sorted(sent, key=lambda item: item[0])
 
-    def __init__(self, job: ReplayJob) -> None:
-        self.job = job
-        self._items = iter(sorted(self._all(), key=lambda item: item[0]))
-        self._next = next(self._items, None)
 
-    def until(self, now_ns: int) -> Iterator[Outgoing]:
-        """Yield the messages up to a moment, each once."""
-        while self._next is not None and self._next[0] <= now_ns:
-            yield self._next[1]
-            self._next = next(self._items, None)
+def _positions(trip: Trip) -> Iterator[tuple[int, Outgoing]]:
+    matched = trip.matched
+    for i, time_ns in enumerate(matched.time_ns.tolist()):
+        dropout = bool(matched.dropout[i])
+        fix = PositionFix(
+            time_ns=time_ns,
+            s_m=float(matched.s_m[i]),
+            speed_mps=float(matched.speed_mps[i]),
+            uncertainty_m=float(matched.uncertainty_m[i]),
+            speed_uncertainty_mps=0.0,
+            quality=Quality.INVALID if matched.invalid[i] else Quality.DEGRADED if dropout else Quality.GOOD,
+        )
+        yield time_ns, codec.encode_input(PositionHeard(fix=fix))
+        if np.isfinite(matched.latitude_deg[i]):
+            place = float(matched.latitude_deg[i]), float(matched.longitude_deg[i])
+            yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
 
-    def _all(self) -> Iterator[tuple[int, Outgoing]]:
-        yield from self._positions()
-        yield from self._delays()
-        yield from self._truth()
-        timing = self.job.timing
-        late_s = (self.job.departed_ns - timing.departure_ns) * NS
-        late = "no timetable was given" if timing.own else f"departed {late_s:.0f} s late"
-        text = f"replay of {self.job.trip.path.name}, {late}"
-        # A recorded trip contains no temporary restrictions; the node needs an empty list.
-        at_ns = timing.first_tick_ns
-        yield at_ns, codec.encode_input(RestrictionsHeard(time_ns=at_ns, restrictions=()))
-        yield at_ns, Outgoing(LOG, happened(at_ns, text))
 
-    def _positions(self) -> Iterator[tuple[int, Outgoing]]:
-        matched = self.job.trip.matched
-        for i, time_ns in enumerate(matched.time_ns.tolist()):
-            dropout = bool(matched.dropout[i])
-            fix = PositionFix(
-                time_ns=time_ns,
-                s_m=float(matched.s_m[i]),
-                speed_mps=float(matched.speed_mps[i]),
-                uncertainty_m=float(matched.uncertainty_m[i]),
-                speed_uncertainty_mps=0.0,
-                quality=Quality.INVALID if matched.invalid[i] else Quality.DEGRADED if dropout else Quality.GOOD,
-            )
-            yield time_ns, codec.encode_input(PositionHeard(fix=fix))
-            if np.isfinite(matched.latitude_deg[i]):
-                place = float(matched.latitude_deg[i]), float(matched.longitude_deg[i])
-                yield time_ns, Outgoing(LOCATION, location(time_ns, *place))
-
-    def _delays(self) -> Iterator[tuple[int, Outgoing]]:
-        """The recorded delays, else those from the optimum of the running time; none without a timetable."""
-        trip, timing = self.job.trip, self.job.timing
-        if timing.own:
-            return
-        if trip.delays and not timing.retimed:
-            for time_ns, delay_s in trip.delays:
-                yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
-            return
-        planned = self.job.reference.trajectory
-        run = trip.run
-        for i in range(0, len(run.time_s), round(DELAY_EVERY_S)):
-            time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
-            due_s = float(np.interp(run.s_m[i], planned.s_m, planned.t_s))
-            delay_s = (time_ns - timing.departure_ns) * NS - due_s
+def _delays(job: ReplayJob) -> Iterator[tuple[int, Outgoing]]:
+    """The recorded delays, else those from the optimum of the running time; none without a timetable."""
+    trip, timing = job.trip, job.timing
+    if timing.own:
+        return
+    if trip.delays and not timing.retimed:
+        for time_ns, delay_s in trip.delays:
             yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
+        return
+    planned = job.reference.trajectory
+    run = trip.run
+    for i in range(0, len(run.time_s), round(DELAY_EVERY_S)):
+        time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
+        due_s = float(np.interp(run.s_m[i], planned.s_m, planned.t_s))
+        delay_s = (time_ns - timing.departure_ns) * NS - due_s
+        yield time_ns, codec.encode_input(DelayHeard(time_ns=time_ns, delay_s=delay_s))
 
-    def _truth(self) -> Iterator[tuple[int, Outgoing]]:
-        run, driven = self.job.trip.run, self.job.driven
-        trajectory, index = driven.trajectory, driven.index
-        limit_mps = self.job.trip.route.limits_over_train(self.job.front.section.train_length_m).at(run.s_m)
-        for i in range(len(run.time_s)):
-            time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
-            j = int(np.clip(np.searchsorted(index, i, side="right") - 1, 0, len(index) - 2))
-            moving = run.speed_mps[i] > 0
-            truth = das_pb2.Truth(
-                time_ns=time_ns,
-                s_m=float(run.s_m[i]),
-                speed_mps=float(run.speed_mps[i]),
-                acceleration_mps2=float(run.acceleration_mps2[i]),
-                force_el_n=float(trajectory.force_el_n[j]) if moving else 0.0,
-                force_friction_n=float(trajectory.force_friction_n[j]) if moving else 0.0,
-                energy_input_j=float(driven.energy_input_j[np.searchsorted(index, i, side="right") - 1]),
-                gradient_ratio=float(trajectory.grade_ratio[j]),
-                limit_mps=float(limit_mps[i]),
-            )
-            yield time_ns, Outgoing(TRUTH, truth)
+
+def _truth(job: ReplayJob) -> Iterator[tuple[int, Outgoing]]:
+    run, driven = job.trip.run, job.driven
+    trajectory, index = driven.trajectory, driven.index
+    limit_mps = job.trip.route.limits_over_train(job.front.section.train_length_m).at(run.s_m)
+    for i in range(len(run.time_s)):
+        time_ns = run.start_time_ns + round(float(run.time_s[i]) / NS)
+        j = int(np.clip(np.searchsorted(index, i, side="right") - 1, 0, len(index) - 2))
+        moving = run.speed_mps[i] > 0
+        truth = das_pb2.Truth(
+            time_ns=time_ns,
+            s_m=float(run.s_m[i]),
+            speed_mps=float(run.speed_mps[i]),
+            acceleration_mps2=float(run.acceleration_mps2[i]),
+            force_el_n=float(trajectory.force_el_n[j]) if moving else 0.0,
+            force_friction_n=float(trajectory.force_friction_n[j]) if moving else 0.0,
+            energy_input_j=float(driven.energy_input_j[np.searchsorted(index, i, side="right") - 1]),
+            gradient_ratio=float(trajectory.grade_ratio[j]),
+            limit_mps=float(limit_mps[i]),
+        )
+        yield time_ns, Outgoing(TRUTH, truth)

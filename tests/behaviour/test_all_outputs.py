@@ -36,7 +36,7 @@ from sim.review import page as page_module
 from sim.review.page import ReviewedDrive, page
 from sim.review.page import as_dict as report_dict
 from sim.review.tables import leg_rows
-from sim.runs.replay import ReplayJob, ReplayOutcome, _Feed, _journey, prepare
+from sim.runs.replay import ReplayJob, ReplayOutcome, _feed, _journey, prepare
 from sim.runs.replay_figures import TripEnergies, figure_rows, result, trip_energies
 from sim.world.lockstep import Traffic
 from tests.support.dirt import clean, write
@@ -230,7 +230,7 @@ def written(job: ReplayJob, energies: TripEnergies, path: Path) -> Path:
         file.add_attachment(attached.name, "", attached.read_bytes())
     file.add_metadata("run", dict(job.processes.metadata))
     saving = Outgoing(SAVING, energies.above.message(job.timing.last_tick_ns))
-    for one in (codec.encode_input(_journey(job)), *_Feed(job).until(2**62), saving):
+    for one in (codec.encode_input(_journey(job)), *(sent for _, sent in _feed(job)), saving):
         file.add(one.topic, one.topic.key(job.processes.train), one.message, message_time_ns(one.message))
     file.close()
     return path

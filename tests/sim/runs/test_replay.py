@@ -35,7 +35,7 @@ from sim.review.first_page import LESS_THAN_BEST, how_sure, page_dict
 from sim.review.tables import stop_rows
 from sim.runs.replay import (
     ReplayJob,
-    _Feed,
+    _feed,
     _journey,
     check_timing,
     compared_legs,
@@ -82,7 +82,7 @@ def job_of(trip: Trip) -> ReplayJob:
 def recorded(job: ReplayJob, energies: TripEnergies | None = None) -> Recording:
     """What a replay records of the drive, without what its node says."""
     messages = defaultdict(list)
-    for one in (codec.encode_input(_journey(job)), *_Feed(job).until(2**62)):
+    for one in (codec.encode_input(_journey(job)), *(sent for _, sent in _feed(job))):
         messages[one.topic.name].append(Stamped(0, one.message))
     if energies is not None:
         messages["saving"] = [Stamped(0, energies.above.message(7))]
