@@ -187,7 +187,7 @@ class AboveOptimum:
         return {
             "energy_kwh": kwh(self.driven_j),
             "energy_optimum_kwh": kwh(self.optimum_j),
-            "above_optimum_kwh": None if above_j is None else kwh(above_j),
+            "above_optimum_kwh": known_kwh(above_j),
             "above_optimum_ratio": self.ratio,
             "not_comparable": self.why_not or None,
         }
@@ -227,6 +227,11 @@ class AboveOptimum:
                 for one in self.sections
             ],
         )
+
+
+def known_kwh(energy_j: float | None) -> float | None:
+    """An energy (J) in kWh; None, which stands for one that is not known, stays None."""
+    return None if energy_j is None else kwh(energy_j)
 
 
 def energy_words(energy_j: float, ratio: float | None) -> str:

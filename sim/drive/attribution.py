@@ -31,7 +31,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
-from sim.drive.above_optimum import AboveOptimum
+from sim.drive.above_optimum import AboveOptimum, known_kwh
 from sim.drive.causes import EnergyCause, Judge, Moment, ShownAdvice, coasts_to_brake, effort_ratio
 from sim.drive.legs import ComparedLeg, DrivenLeg, LegEnergies, section_of_leg
 from sim.drive.limits import Signal, signals
@@ -476,7 +476,7 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
         **attribution.above.as_dict(),
         "measured": attribution.above.measured,
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in attribution.by_cause.items()},
-        "optimum_timetable_kwh": None if attribution.timetable_j is None else kwh(attribution.timetable_j),
+        "optimum_timetable_kwh": known_kwh(attribution.timetable_j),
         "by_cause_against_timetable_kwh": None
         if against is None
         else {str(cause): kwh(energy_j) for cause, energy_j in against.items()},
@@ -487,10 +487,6 @@ def as_dict(attribution: Attribution) -> dict[str, Any]:
 def leg_dict(leg: LegAttribution) -> dict[str, Any]:
     """One leg for programs."""
     driven = leg.leg
-
-    def optional(energy_j: float | None) -> float | None:
-        return None if energy_j is None else kwh(energy_j)
-
     return {
         "from": driven.start.name,
         "to": driven.end.name,
@@ -500,9 +496,9 @@ def leg_dict(leg: LegAttribution) -> dict[str, Any]:
         "arrived_ns": int(driven.motion.time_ns[-1]),
         "energy_kwh": kwh(leg.driven_j),
         "energy_optimum_kwh": kwh(leg.optimum_j),
-        "optimum_timetable_kwh": optional(leg.timetable_j),
-        "late_departure_kwh": optional(leg.recovered_j),
-        "early_arrival_kwh": optional(leg.early_j),
+        "optimum_timetable_kwh": known_kwh(leg.timetable_j),
+        "late_departure_kwh": known_kwh(leg.recovered_j),
+        "early_arrival_kwh": known_kwh(leg.early_j),
         "by_cause_kwh": {str(cause): kwh(energy_j) for cause, energy_j in leg.by_cause.items()},
         "per_100_m": place_rows(leg.even),
     }

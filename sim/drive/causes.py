@@ -15,7 +15,7 @@ from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.trajectory import Trajectory
 from das.domain.vehicle import Vehicle
 from sim.drive.table import HOLDS_NS, DriveTable
-from sim.drivers.presentations.presenter import SpeedIs, presenter_of, shown_presentation
+from sim.drivers.presentations.presenter import SpeedIs, known_mode, presenter_of, shown_presentation
 from sim.options import WhatIfKind
 from sim.recording.course import Floats, Times
 from sim.recording.opening import WHAT_IF
@@ -163,9 +163,8 @@ class ShownAdvice:
         last = int(np.searchsorted(self.time_ns, time_ns, side="right")) - 1
         if last < 0 or not self.shown[last] or time_ns - int(self.time_ns[last]) > HOLDS_NS:
             return None
-        number = int(self.mode[last])
         return Seen(
-            mode=Regime(number) if number in set(Regime) else Regime.NONE,
+            mode=known_mode(int(self.mode[last])),
             speed_mps=float(self.speed_mps[last]),
             advised_ratio=float(self.advised_ratio[last]),
             lever_ratio=float(self.lever_ratio[last]),

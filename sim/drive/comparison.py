@@ -26,7 +26,7 @@ from das.advice.regimes import Regime, mode_name
 from das.domain.errors import DasError
 from das.domain.summary import Summary
 from das.domain.units import NS, kmh, kwh, kwh_words
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words, known_kwh
 from sim.drive.drive import Drive
 from sim.drive.events import place_text
 from sim.drive.legs import DrivenLeg, since_departure_j
@@ -110,9 +110,9 @@ class EqualArrival:
     def as_dict(self) -> dict[str, float | str | None]:
         """The figures for programs (kWh, share of the optimum)."""
         return {
-            "more_energy_equal_arrival_kwh": _kwh(self.more_j),
+            "more_energy_equal_arrival_kwh": known_kwh(self.more_j),
             "more_energy_equal_arrival_ratio": self.ratio,
-            "times_worth_kwh": _kwh(self.times_j),
+            "times_worth_kwh": known_kwh(self.times_j),
             "equal_arrival_not_comparable": self.why_not or None,
             "hangs_on": self.hangs_on,
         }
@@ -125,10 +125,6 @@ class EqualArrival:
             f"At equal arrival, against {first}: {energy_words(self.more_j, self.ratio)}; the time difference is worth "
             f"{kwh_words(self.times_j, signed=True)} at the optimum's price of time."
         )
-
-
-def _kwh(energy_j: float | None) -> float | None:
-    return None if energy_j is None else kwh(energy_j)
 
 
 def _trains_differ(first: Drive, other: Drive, *, own: bool) -> str:
@@ -207,7 +203,7 @@ class SavedByAdvice:
     def as_dict(self) -> dict[str, float | str | None]:
         """The figures for programs (kWh, share of the optimum)."""
         return {
-            "saved_by_advice_kwh": _kwh(self.saved_j),
+            "saved_by_advice_kwh": known_kwh(self.saved_j),
             "saved_by_advice_ratio": self.ratio,
             "saved_by_advice_not_comparable": self.why_not or None,
         }
@@ -545,7 +541,7 @@ def drive_dict(aligned: AlignedDrives, index: int) -> dict[str, Any]:
         "time_s": float(pair.time_s[row, -1]),
         "compared_energy_kwh": kwh(float(pair.energy_j[row, -1])),
         "motors_first": not pair.own_energies,
-        "energy_kwh": None if drive.energy.driven_j is None else kwh(drive.energy.driven_j),
+        "energy_kwh": known_kwh(drive.energy.driven_j),
         "measured": drive.energy.measured,
         **({} if drive.energy.above is None else drive.energy.above.as_dict()),
         "arrived_late_s": [known(leg.end.arrived_late_s) for leg in drive.energy.legs],

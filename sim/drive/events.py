@@ -24,7 +24,7 @@ from sim.drive.calls import NEAR_M, KeptCall
 from sim.drive.limits import signals, spans_above, temporary_limits
 from sim.drive.table import HOLDS_NS, HOLDS_S, DriveTable, PlanMade
 from sim.drivers.cab import AT_STOP_M
-from sim.drivers.presentations.presenter import ShownRegime
+from sim.drivers.presentations.presenter import ShownRegime, known_mode
 from sim.recording.course import (
     STANDING_MPS,
     DriveClock,
@@ -646,7 +646,7 @@ def driver_events(table: DriveTable) -> Iterator[DriveEvent]:
     does = np.where(np.abs(lever_ratio) < LEVER_RATIO, COASTS, np.sign(np.nan_to_num(lever_ratio)))
     changes = [*np.flatnonzero(np.diff(mode, prepend=-1)), len(mode)] if len(mode) else []
     for first, end in pairwise(changes):
-        wanted = WANTED.get(Regime(int(mode[first]))) if int(mode[first]) in set(Regime) else None
+        wanted = WANTED.get(known_mode(int(mode[first])))
         if wanted is None or not shown[first] > 0 or does[first] == wanted:
             continue
         answers = does[first:end] == wanted

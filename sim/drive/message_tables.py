@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from das.bus.recorder import comments
 from das.bus.recording import Stamped
-from das.bus.topics import message_time_ns
 from das.domain.errors import DasError
+from sim.recording.course import stated_ns
 
 UNITS: Final = {
     "_mps2": "m/s²",
@@ -92,7 +92,7 @@ def tables_of(name: str, entries: Sequence[Stamped], zero_ns: int) -> list[DataT
 
     `zero_ns` is the moment at which the column `time_s` is 0 (ns since 1970).
     """
-    times = [message_time_ns(one.message) or one.log_time_ns for one in entries]
+    times = [stated_ns(one) for one in entries]
     head = _times([one.log_time_ns for one in entries], times, zero_ns)
     messages = [one.message for one in entries]
     table = DataTable(name=name, columns=[*head, *_columns(messages, "")])

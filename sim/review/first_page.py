@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from das.advice.regimes import InstructionKind
 from das.domain.errors import DasError
 from das.domain.units import KM, NS, kmh, kwh, kwh_figure, kwh_words
-from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, percent_of_optimum
+from sim.drive.above_optimum import NOT_COMPARABLE, energy_words, known_kwh, percent_of_optimum
 from sim.drive.attribution import ActionSpan, Attribution, CauseStretch, slowest_stretch, worst_stretches
 from sim.drive.calls import KeptCall
 from sim.drive.causes import BY_SPEED, NOT_THE_DRIVERS, EnergyCause
@@ -115,7 +115,7 @@ def _price(drive: Drive, call: KeptCall) -> str:
 def _driven(drive: Drive) -> PageFigure:
     name, driven_j = "Energy driven", drive.energy.driven_j
     told = {
-        "energy_kwh": None if driven_j is None else kwh(driven_j),
+        "energy_kwh": known_kwh(driven_j),
         "measured": drive.energy.measured,
         "train_known": train_known(drive),
     }
@@ -136,7 +136,7 @@ def _above(drive: Drive) -> PageFigure:
     doubt = ["if it was this train"] if _right_train(drive) else []
     beside = "; ".join([*share, *doubt, *_likely(drive)])
     told = {
-        "above_optimum_kwh": None if above.above_j is None else kwh(above.above_j),
+        "above_optimum_kwh": known_kwh(above.above_j),
         "above_optimum_ratio": above.ratio,
     }
     return PageFigure(name, energy_words(above.above_j or 0.0, None), beside, told)
@@ -491,7 +491,7 @@ class FoundPlace(NamedTuple):
             "time_ns": self.start_ns,
             "time_s": clock.since_s(self.start_ns),
             "end_s": clock.since_s(self.end_ns),
-            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
+            "above_optimum_kwh": known_kwh(self.energy_j),
             "mean_speed_mps": None if self.mean_mps is None else self.mean_mps[0],
             "mean_speed_optimum_mps": None if self.mean_mps is None else self.mean_mps[1],
             "optimum_does": None if self.best is None else self.best.action,
@@ -536,7 +536,7 @@ class DriveFinding:
             "label": self.label,
             "text": self.text,
             "next_time": self.next_time,
-            "above_optimum_kwh": None if self.energy_j is None else kwh(self.energy_j),
+            "above_optimum_kwh": known_kwh(self.energy_j),
             "places": [one.as_dict(clock) for one in self.places],
         }
 

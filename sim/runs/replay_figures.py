@@ -15,7 +15,7 @@ from das.domain.errors import DasError
 from das.domain.units import NS, in_kwh, kwh
 from das.solver.section import Section
 from das.solver.solution import Fit
-from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, percent_of_optimum
+from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, EnergyBand, known_kwh, percent_of_optimum
 from sim.drive.legs import ComparedLeg, LikelyRange, Smoothed, beside_optima, likely_range
 from sim.recording.opening import DriveInputs
 from sim.runs.replay import TICK_S, ReplayJob, ReplayOutcome, compared_legs, parts_of, smoothed_legs
@@ -122,7 +122,7 @@ def _energies(job: ReplayJob, found: TripEnergies) -> dict[str, Any]:
         **above.as_dict(),
         "above_optimum_likely_low_kwh": None if likely is None else kwh(likely.low_j),
         "above_optimum_likely_high_kwh": None if likely is None else kwh(likely.high_j),
-        "above_optimum_by_friction_kwh": None if friction_j is None else kwh(friction_j),
+        "above_optimum_by_friction_kwh": known_kwh(friction_j),
         "likely_above_optimum": likely is not None and likely_above(likely, above.optimum_j),
         "above_optimum_unknowns": [] if likely is None else unknowns(likely.unknowns),
         "sections": _sections(found),
