@@ -445,8 +445,7 @@ def match_trip(
     points = fitting_points(record, line, end_stop.position_m - start_stop.position_m, log)
     found = stands(points.standing)
     pinned = _pinned(points.along_m, found)
-    anchored = _alignment(record, line, pinned, found, stops, _unusable_speeds(record, points))
-    offset_m, scale, _ = anchored
+    offset_m, scale, anchor = _alignment(record, line, pinned, found, stops, _unusable_speeds(record, points))
     placed = replace(points, along_m=offset_m + scale * pinned)
     kept = section_of(record, placed, found, stops, log, whole_stands=whole_stands)
     drifted = np.abs(scale * (pinned - points.along_m))[kept] > TOLD_M
@@ -454,23 +453,18 @@ def match_trip(
     log.add(FindingKind.STANDING_DRIFT, record, points.point[drifted])
     points = _mended(record, points, log)
     _log_section(record, points, end_stop, log)
-    return _with_invalid(record, points, _report(record, points, anchored, line, log))
-
-
-def _report(
-    record: Record, points: Points, anchored: tuple[float, float, str], line: Line | None, log: FindingLog
-) -> MatchReport:
     aside_m, known = points.aside_m, line is not None
-    return MatchReport(
-        offset_m=anchored[0],
-        scale=anchored[1],
-        anchor=anchored[2],
+    report = MatchReport(
+        offset_m=offset_m,
+        scale=scale,
+        anchor=anchor,
         stand_uncertainty_m=left_over(_fastest(points.slowed_to_mps))[0],
         median_cross_track_m=float(np.nanmedian(aside_m)) if known else None,
         p95_cross_track_m=float(np.nanpercentile(aside_m, 95)) if known else None,
         max_cross_track_m=float(np.nanmax(aside_m)) if known else None,
         cleaning=log.report(len(points), record.unread),
     )
+    return _with_invalid(record, points, report)
 
 
 def _fastest(slowed_to_mps: Floats) -> float:
@@ -607,7 +601,8 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
     still = np.interp(j, points.point, points.standing) == 1.0
     derived = np.zeros(len(record), dtype=bool)
     derived[points.point] = points.speed_derived
-    departure, arrival = _departure_and_arrival(points)
+    moving = np.flatnonzero(~points.standing)
+    departure, arrival = max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)
     uncertainty = record.uncertainty_m[j]
     if report.median_cross_track_m is not None:
         uncertainty = np.where(np.isnan(uncertainty), report.median_cross_track_m, uncertainty)
@@ -631,12 +626,6 @@ def _with_invalid(record: Record, points: Points, report: MatchReport) -> Matche
         ),
         report=report,
     )
-
-
-def _departure_and_arrival(points: Points) -> tuple[int, int]:
-    """The last point of the stand at the start and the first point of the stand at the end; else the end points."""
-    moving = np.flatnonzero(~points.standing)
-    return max(int(moving[0]) - 1, 0), min(int(moving[-1]) + 1, len(points) - 1)
 
 
 def section_of(

@@ -107,8 +107,8 @@ def to_profile(matched: MatchedTrip, jerk_ratio: float = 1.0) -> DrivenRun:
         if standing:
             position[k], speed[k], variance[:, k] = matched.s_m[point], 0.0, SMOOTHING_EXACT**2
     inferred = np.isinf(variance[0]) & np.isinf(variance[1])
-    smooth = _smoothed(STEP_S, position, speed, variance, SMOOTHING_JERK_PSD_M2PS5 * jerk_ratio)
-    s, v = _integrated(matched, position, np.maximum(smooth, 0.0), STEP_S)
+    smooth = _smoothed(position, speed, variance, SMOOTHING_JERK_PSD_M2PS5 * jerk_ratio)
+    s, v = _integrated(matched, position, np.maximum(smooth, 0.0))
     return DrivenRun(
         time_s=grid,
         s_m=s,
@@ -164,9 +164,9 @@ def _joined(grid: Floats, time_s: Floats, values: Floats, longest_gap_s: float) 
     return np.interp(grid, time_s, values), ~inside | wide[np.clip(after, 0, len(time_s) - 1)]
 
 
-def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Floats, jerk_psd_m2ps5: float) -> Floats:
+def _smoothed(position_m: Floats, speed_mps: Floats, variance: Floats, jerk_psd_m2ps5: float) -> Floats:
     """Speed of the likeliest motion under white jerk; `variance` (2 × n) of positions and speeds, inf: unmeasured."""
-    h = step_s
+    h = STEP_S
     move = np.array([[1, h, h**2 / 2], [0, 1, h], [0, 0, 1]])
     noise = jerk_psd_m2ps5 * np.array(
         [[h**5 / 20, h**4 / 8, h**3 / 6], [h**4 / 8, h**3 / 3, h**2 / 2], [h**3 / 6, h**2 / 2, h]]
@@ -188,7 +188,7 @@ def _smoothed(step_s: float, position_m: Floats, speed_mps: Floats, variance: Fl
     return states[:, 1].copy()
 
 
-def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: float) -> tuple[Floats, Floats]:
+def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats) -> tuple[Floats, Floats]:
     """Position (m) integrated from the speed, beginning at an end where the train stands, and the speed (m/s).
 
     If the train stands at both ends, position and speed are scaled to agree to a fraction of a metre.
@@ -197,7 +197,7 @@ def _integrated(matched: MatchedTrip, position_m: Floats, v: Floats, step_s: flo
         v[0] = 0.0
     if matched.ends.ends_standing:
         v[-1] = 0.0
-    s = np.append(0.0, np.cumsum((v[1:] + v[:-1]) / 2 * step_s))
+    s = np.append(0.0, np.cumsum((v[1:] + v[:-1]) / 2 * STEP_S))
     if matched.ends.starts_standing and matched.ends.ends_standing:
         factor = (position_m[-1] - position_m[0]) / s[-1]
         return position_m[0] + factor * s, factor * v

@@ -140,14 +140,14 @@ def _not_known(trip: Trip, section: Section | None) -> list[str]:
     notes = []
     if not trip.direction_known:
         notes.append(direction_by_posts(trip))
-    unseen_s = _unseen_s(trip)
+    steps_s = _steps_s(trip)
+    unseen_s = float(steps_s[steps_s > SMOOTHING_MAX_POSITION_GAP_S].sum())
     if unseen_s > 0:
         share = unseen_s / max(float(trip.run.time_s[-1]), 1e-9)
         notes.append(
             f"the motion in gaps of {unseen_s:.0f} s in all ({100 * share:.0f} % of the run): "
             "bridged by inertia, and not used for highest values"
         )
-    steps_s = _steps_s(trip)
     for step_s, what in ((steps_s[0], "departed"), (steps_s[-1], "arrived")):
         if step_s > SMOOTHING_MAX_POSITION_GAP_S:
             notes.append(f"when the train {what}: there is a gap next to that end of the run")
@@ -193,12 +193,6 @@ def _steps_s(trip: Trip) -> Floats:
     matched = trip.matched
     moving = slice(matched.ends.departure, matched.ends.arrival + 1)
     return np.diff(matched.elapsed_s()[moving][~matched.invalid[moving]])
-
-
-def _unseen_s(trip: Trip) -> float:
-    """Time (s) in gaps of the run."""
-    steps = _steps_s(trip)
-    return float(steps[steps > SMOOTHING_MAX_POSITION_GAP_S].sum())
 
 
 def _iso(time_ns: int) -> str:

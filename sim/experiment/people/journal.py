@@ -19,6 +19,7 @@ from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import FolderTakenError, folder_held, refuse_link, write_whole
 from sim.experiment.design import Design
+from sim.experiment.driving import participant_name
 from sim.experiment.people.steps import Entry
 from sim.experiment.people.tasks import task_measures
 from sim.experiment.runner import HeldJournal
@@ -160,5 +161,5 @@ def _answers(who: int, entries: Sequence[Entry]) -> Iterator[tuple[Any, ...]]:
         scores = {f"score:{name}": value for name, value in one.get("scores", {}).items()}
         for item, value in (given | scores).items():
             wall_ms = one["wall_ns"] // 1_000_000
-            found[one["step"], item] = (f"sub-{who:02d}", one["step"], one.get("trial"), item, value, wall_ms)
+            found[one["step"], item] = (participant_name(who), one["step"], one.get("trial"), item, value, wall_ms)
     yield from found.values()

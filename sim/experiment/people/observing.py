@@ -18,7 +18,7 @@ from das.advice.regimes import KIND_OF, InstructionKind
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AT_STOP_M, AdviceView
 from sim.drivers.presentations.presenter import presenter_of
-from sim.recording.course import Floats
+from sim.recording.course import Floats, stretches_of
 
 Samples = Mapping[str, Sequence[float]]
 """The samples of a drive, by the statistic that they belong to."""
@@ -82,7 +82,7 @@ def _answers(drive: Seconds) -> Iterator[tuple[str, float]]:
     moving = [view if v > 1.0 else None for view, v in zip(drive.shown, drive.speed_mps, strict=True)]
     kinds = [KIND_OF.get(one.mode) if one and presenter_of(one.presentation).says_mode else None for one in moving]
     for kind in InstructionKind:
-        for start, end in stretches(np.array([one is kind for one in kinds])):
+        for start, end in stretches_of(np.array([one is kind for one in kinds])):
             lever, settled = drive.lever[start:end], slice(start + SETTLED_S, end)
             if kind in (InstructionKind.COAST, InstructionKind.BRAKE):
                 done = np.abs(lever) <= AT_REST_RATIO if kind is InstructionKind.COAST else lever <= -SET_RATIO
@@ -105,7 +105,7 @@ def _cruises(drive: Seconds) -> Iterator[tuple[str, float]]:
     """Of light traction: deviations (m/s) from a steady speed, share of seconds with movements of the controller; the
     settings at rest, and the margin (m/s) to a limit that is near."""
     lever, v = drive.lever, drive.speed_mps
-    for start, end in stretches((lever > AT_REST_RATIO) & (lever < LIGHT_RATIO) & (v > SLOW_MPS)):
+    for start, end in stretches_of((lever > AT_REST_RATIO) & (lever < LIGHT_RATIO) & (v > SLOW_MPS)):
         if end - start >= CRUISE_S:
             seconds = np.arange(start, end)
             steady = np.polyval(np.polyfit(seconds, v[start:end], 1), seconds)
@@ -116,12 +116,6 @@ def _cruises(drive: Seconds) -> Iterator[tuple[str, float]]:
     margin = (drive.limit_mps - v)[SETTLED_S:][drive.limit_mps[SETTLED_S:] == drive.limit_mps[:-SETTLED_S]]
     if len(margin) and (least := float(np.quantile(margin, 0.05))) < NEAR_MPS:
         yield "below limit", least
-
-
-def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """The stretches in which a mask holds: first second, and the second after the last."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return list(zip(ends[::2].tolist(), ends[1::2].tolist(), strict=True))
 
 
 def _stops(drive: Seconds, stops_m: Floats) -> Iterator[tuple[str, float]]:
