@@ -159,7 +159,7 @@ Disturbance = (
 )
 
 
-KINDS = {
+KINDS: dict[str, type[Any]] = {
     "departure-delay": DepartureDelay,
     "dwell-overrun": DwellOverrun,
     "delay-on-the-way": DelayOnTheWay,

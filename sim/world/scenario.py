@@ -20,7 +20,7 @@ from das.domain.braking import SiteBraking
 from das.domain.conditions import BOUNDS, Conditions
 from das.domain.errors import MISSING, DasError, InputError
 from das.domain.files.load import bundled_files, load_vehicle, locate
-from das.domain.files.reading import Fields, in_si, number, quantity_of, range_expected, read_toml
+from das.domain.files.reading import MOST_ROWS, Fields, in_si, number, quantity_of, range_expected, read_toml
 from das.domain.files.vehicles import read_loss_map, site_braking
 from das.domain.levels import Level
 from das.domain.units import to_si
@@ -50,25 +50,22 @@ def read_range(table: Fields, key: str) -> Drawn:
         return Drawn(low=value, high=value)
     ends = table.table(key)
     ends.check_keys(["min", "max"])
-    for end in ("min", "max"):
-        if not ends.has(end):
-            raise ends.error(end, MISSING, "a number")
-    low, high = (number(table.source, f"{ends.prefix}{end}", ends.data[end]) for end in ("min", "max"))
+    low, high = (number(table.source, f"{ends.prefix}{end}", ends.data.get(end, MISSING)) for end in ("min", "max"))
     if not low <= high:
         raise table.error(key, table.data[key], "{min = …, max = …} in this order")
     return Drawn(low=low, high=high)
 
 
-def read_quantity(table: Fields, name: str, dimension: str, default: float | None = None) -> Drawn:
+def read_quantity(table: Fields, name: str, dimension: str, default: float | None) -> Drawn:
     """Read a quantity, or a range of values, in SI units; the key ends in the unit used in the file.
 
     Raises InputError for anything else.
     """
-    key = key_of(table, name, dimension)
+    key, *more = table.given_keys(name, dimension) or [name]
     if not isinstance(table.data.get(key), Mapping):
         value = table.quantity(name, dimension, default, unbounded=True)
         return Drawn(low=value, high=value)
-    if more := [x for x in table.quantity_keys({name: dimension}) if x in table.data and x != key]:
+    if more:
         raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
     unit, drawn = key[len(name) + 1 :], read_range(table, key)
     return Drawn(low=to_si(drawn.low, unit, dimension), high=to_si(drawn.high, unit, dimension))
@@ -76,7 +73,7 @@ def read_quantity(table: Fields, name: str, dimension: str, default: float | Non
 
 def key_of(table: Fields, name: str, dimension: str) -> str:
     """The key of a quantity in the file; the bare name of the quantity if the file does not give it."""
-    return next((key for key in table.quantity_keys({name: dimension}) if key in table.data), name)
+    return next(iter(table.given_keys(name, dimension)), name)
 
 
 TRUTH_STREAM = 5
@@ -259,20 +256,19 @@ KEYS = (
     *("calls", "journey"),
 )
 """The keys of the table `[scenario]`."""
-_RISING = (("from", "to"), ("valid_from", "valid_until"), ("seen", "told"))
-"""Pairs of quantities of a disturbance; the second of a pair must be greater than the first."""
-_SI_SUFFIX = {"length": "m", "time": "s", "speed": "mps", "ratio": "ratio"}
-_DIMENSIONS = {suffix: dimension for dimension, suffix in _SI_SUFFIX.items()}
+_RISING = (("from_m", "to_m"), ("valid_from_s", "valid_until_s"), ("seen_m", "told_m"))
+"""Pairs of figures of a disturbance; the second of a pair must be greater than the first."""
+_DIMENSIONS = {"m": "length", "s": "time", "mps": "speed", "ratio": "ratio"}
 _SIZED = (SensorFault.JUMP, SensorFault.NOISE)
 """Localisation faults that have a size."""
 LONGEST_LINE_M = 1e7
 _MOST = {"time": LONGEST_DWELL_S, "length": LONGEST_LINE_M}
 """Greatest values (SI) by dimension; a larger figure is considered a typing error."""
 _RANGES = {
-    "speed": (1.0, 200.0),
-    "adhesion": BOUNDS["adhesion_ratio"],
-    "wind": BOUNDS["head_wind_mps"],
-    "size": (1.0, LONGEST_LINE_M),
+    "speed_mps": (1.0, 200.0),
+    "adhesion_ratio": BOUNDS["adhesion_ratio"],
+    "wind_mps": BOUNDS["head_wind_mps"],
+    "size_m": (1.0, LONGEST_LINE_M),
 }
 """Least and greatest values (SI) of figures with a narrower range than 0 to `_MOST`, so that trains get through."""
 
@@ -287,9 +283,8 @@ class PlannedDisturbance:
 
     def draw(self, random: np.random.Generator) -> Disturbance:
         """Draw the disturbance of one run."""
-        made: Any = KINDS[self.kind]
         drawn = {name: figure.draw(random) for name, figure in self.figures.items()}
-        disturbance: Disturbance = made(**drawn, **self.fixed)
+        disturbance: Disturbance = KINDS[self.kind](**drawn, **self.fixed)
         return disturbance
 
 
@@ -413,7 +408,7 @@ def scenario_of(fields: Fields) -> Scenario:
         human=read_human(fields.optional_table("human")),
         sensors=_sensors(fields.optional_table("sensors")),
         braking=site_braking(fields.optional_table("braking")),
-        disturbances=_disturbances(fields),
+        disturbances=tuple(map(_planned, fields.tables("disturbances", MOST_ROWS))),
         calls=_calls(main),
         loss_map=path.parent / main.text("loss_map") if main.has("loss_map") else None,
         journey=beside(path.parent, main.text("journey")) if main.has("journey") else None,
@@ -477,10 +472,9 @@ def _moment(timetable: Fields) -> int:
 
 
 def _sensors(fields: Fields) -> Sensors:
-    force_keys = fields.quantity_keys({"force_noise": "ratio"})
-    fields.check_keys([*fields.quantity_keys({"position_noise": "length", "speed_noise": "speed"}), *force_keys])
-    says_forces = any(fields.has(key) for key in force_keys)
-    any_size = (0.0, np.inf)
+    quantities = {"position_noise": "length", "speed_noise": "speed", "force_noise": "ratio"}
+    fields.check_keys(fields.quantity_keys(quantities))
+    says_forces, any_size = fields.given_keys("force_noise", "ratio"), (0.0, np.inf)
     return Sensors(
         position_noise_m=fields.within("position_noise", "length", Sensors.position_noise_m, any_size),
         speed_noise_mps=fields.within("speed_noise", "speed", Sensors.speed_noise_mps, any_size),
@@ -488,47 +482,32 @@ def _sensors(fields: Fields) -> Sensors:
     )
 
 
-def _disturbances(fields: Fields) -> tuple[PlannedDisturbance, ...]:
-    entries = fields.data.get("disturbances", [])
-    if not isinstance(entries, list):
-        raise fields.error("disturbances", entries, "a list of [[disturbances]]")
-    tables = (Fields.of(fields.source, entry, f"disturbances[{i}].") for i, entry in enumerate(entries))
-    return tuple(_planned(table) for table in tables)
-
-
 def _planned(table: Fields) -> PlannedDisturbance:
     kind = table.text("kind")
     if kind not in KINDS:
         raise table.error("kind", kind, "one of " + ", ".join(KINDS))
-    quantities, optional = (_figures(kind, optional=one) for one in (False, True))
-    made: Any = KINDS[kind]
-    others = [one.name for one in fields_of(made) if one.name in ("stop", "fault")]
+    every = fields_of(KINDS[kind])
+    others = [one.name for one in every if one.name in ("stop", "fault")]
+    parts = {one.name: one.name.rpartition("_") for one in every if one.name not in others}
+    quantities = {field: (name, _DIMENSIONS[suffix]) for field, (name, _, suffix) in parts.items()}
     fixed: dict[str, Any] = {"stop": table.name("stop")} if "stop" in others else {}
     if kind == "sensor-fault":
         fixed["fault"] = fault = table.choice("fault", SensorFault)
         if fault not in _SIZED:
             fixed["size_m"] = 0.0
-            quantities = {name: dimension for name, dimension in quantities.items() if name != "size"}
-    table.check_keys(["kind", *others, *table.quantity_keys({**quantities, **optional})])
-    given = {name: unit for name, unit in optional.items() if key_of(table, name, unit) in table.data}
-    quantities = {**quantities, **given}
-    drawn = {
-        name: _read_within(table, (name, unit), None, _RANGES.get(name, (0.0, _MOST.get(unit, np.inf))))
-        for name, unit in quantities.items()
+            del quantities["size_m"]
+    table.check_keys(["kind", *others, *table.quantity_keys(dict(quantities.values()))])
+    optional = {one.name for one in every if one.default is None}
+    figures = {
+        field: _read_within(table, (name, unit), None, _RANGES.get(field, (0.0, _MOST.get(unit, np.inf))))
+        for field, (name, unit) in quantities.items()
+        if field not in optional or table.given_keys(name, unit)
     }
     for lower, higher in _RISING:
-        if {lower, higher} <= drawn.keys() and not drawn[lower].high < drawn[higher].low:
-            key, unit = key_of(table, higher, quantities[higher]), _SI_SUFFIX[quantities[higher]]
-            raise table.error(key, table.data[key], f"more than {lower} = {drawn[lower].high:g} {unit}")
-    figures = {f"{name}_{_SI_SUFFIX[dimension]}": drawn[name] for name, dimension in quantities.items()}
+        if {lower, higher} <= figures.keys() and not figures[lower].high < figures[higher].low:
+            key, (name, _, suffix) = key_of(table, *quantities[higher]), parts[lower]
+            raise table.error(key, table.data[key], f"more than {name} = {figures[lower].high:g} {suffix}")
     return PlannedDisturbance(kind=kind, figures=figures, fixed=fixed)
-
-
-def _figures(kind: str, *, optional: bool) -> dict[str, str]:
-    """The dimension of each figure that a kind of disturbance must have, or may have (`optional`), by name."""
-    made: Any = KINDS[kind]
-    names = (one.name.rpartition("_") for one in fields_of(made) if (one.default is None) is optional)
-    return {name: _DIMENSIONS[suffix] for name, _, suffix in names if suffix in _DIMENSIONS}
 
 
 def _read_within(table: Fields, quantity: tuple[str, str], default: float | None, ends: tuple[float, float]) -> Drawn:
