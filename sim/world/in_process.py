@@ -39,7 +39,6 @@ class InProcess:
     def __init__(self, service: Service, *, guide: bool = False, recorded: Recorded | None = None) -> None:
         self._service, self._guide, self._recorded = service, guide, recorded
         self._kept: dict[Kind, Heard] = {}
-        self._judged_ns = 0
         self.messages: dict[str, list[Stamped]] = {}
         self.restart()
         began_ns = service.moment_ns(-BEFORE_S)

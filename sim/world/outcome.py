@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
@@ -231,18 +231,13 @@ def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
     return keep(service.passings, times, np.array([state.s_m for state in run.states]))
 
 
-def shares(balance: EnergyBalance) -> dict[str, tuple[float, float]]:
-    """Energy (J) and share (0 to 1) of each part of the dissipated energy, by the names in `SHARES`."""
-    parts = {name: float(getattr(balance, name)) for name in SHARES}
-    total = sum(parts.values())
-    return {name: (energy_j, energy_j / total) for name, energy_j in parts.items()}
-
-
 def _parts(balance: EnergyBalance) -> dict[str, float]:
-    parts = shares(balance)
+    """Energy (kWh) and share (0 to 1) of each part of the dissipated energy, and what the train has gained (kWh)."""
+    parts_j = {name: float(getattr(balance, name)) for name in SHARES}
+    total_j = sum(parts_j.values())
     return {
-        **{f"{name}_kwh": kwh(energy_j) for name, (energy_j, _) in parts.items()},
-        **{f"{name}_ratio": ratio for name, (_, ratio) in parts.items()},
+        **{f"{name}_kwh": kwh(energy_j) for name, energy_j in parts_j.items()},
+        **{f"{name}_ratio": energy_j / total_j for name, energy_j in parts_j.items()},
         "kinetic_kwh": kwh(balance.kinetic),
         "potential_kwh": kwh(balance.potential),
     }
@@ -304,8 +299,6 @@ STOP_LEGEND: Final = {
     "stopping error": "distance of the train beyond the stop (before it: negative)",
 }
 """The legend below the table of stops."""
-UNCHANGED: Final = asdict(Conditions())
-"""The conditions of a train and line that are as planned."""
 
 
 def print_result(result: DayResult) -> None:
@@ -383,7 +376,7 @@ def _notes(result: DayResult) -> list[str]:
     human = result.drawn["human"] if result.driver is DriverKind.HUMAN else {}
     if human:
         notes.append("the driver: " + ", ".join(f"{name} {value:.4g}" for name, value in human.items()))
-    truth = {name: value for name, value in result.drawn["truth"].items() if value != UNCHANGED[name]}
+    truth = {name: value for name, value in result.drawn["truth"].items() if value != getattr(Conditions, name)}
     if truth:
         notes.append("the true train: " + ", ".join(f"{name} {value:.4g}" for name, value in truth.items()))
     beyond = (call for call in found.calls if call.stopping_error_m > AT_STOP_M)

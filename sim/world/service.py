@@ -78,17 +78,20 @@ class Service:
 
     def journey(self, train: str, time_ns: int) -> JourneyHeard:
         """The journey as announced by traffic management at a moment (ns since 1970)."""
-        arrivals_ns = [0, *(table.arrival_ns for table in self.timetables)]
-        departures_ns = [*(table.departure_ns for table in self.timetables), 0]
-        stops = zip(self.stops, arrivals_ns, departures_ns, strict=True)
         return JourneyHeard(
             time_ns=time_ns,
             train=train,
             route_id=self.route.id,
             vehicle_id=self.vehicle.id,
             reversed=self.scenario.reverse,
-            stops=tuple(OrderedStop(stop.name, stop.position_m, *times) for stop, *times in stops),
+            stops=tuple(OrderedStop(stop.name, stop.position_m, *times_ns) for stop, *times_ns in self.due()),
         )
+
+    def due(self) -> Iterator[tuple[Stop, int, int]]:
+        """Each stop with its due arrival and departure (ns since 1970; 0: first arrival and last departure)."""
+        arrivals_ns = (0, *(table.arrival_ns for table in self.timetables))
+        departures_ns = (*(table.departure_ns for table in self.timetables), 0)
+        return zip(self.stops, arrivals_ns, departures_ns, strict=True)
 
     def clock_s(self, time_ns: int) -> float:
         """A moment (ns) on the run's clock (s), which shows 0 at the timetable's departure."""
@@ -372,6 +375,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
     human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
     truth = service.scenario.truth.draw(seed)
     service.check_train(truth)
+    population = None if participant is None else participant.population
     return Day(
         service=service,
         seed=seed,
@@ -385,7 +389,9 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
             "disturbances": as_figures(disturbances),
             "truth": asdict(truth),
             "human": of_human,
-            **_population(participant),
+            **(
+                {} if population is None else {"population": {"id": population.id, "sha256": sha256(population.source)}}
+            ),
         },
     )
 
@@ -396,13 +402,6 @@ def with_disturbances(day: Day, disturbances: Sequence[Disturbance]) -> Day:
     """
     found = tuple(disturbances)
     return replace(day, disturbances=found, drawn={**day.drawn, "disturbances": as_figures(found)})
-
-
-def _population(participant: Participant | None) -> dict[str, dict[str, str]]:
-    if participant is None:
-        return {}
-    population = participant.population
-    return {"population": {"id": population.id, "sha256": sha256(population.source)}}
 
 
 def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Disturbance]) -> Plant:
@@ -423,9 +422,6 @@ def _plant(service: Service, conditions: Conditions, disturbances: Sequence[Dist
 def _held_s(service: Service, disturbances: Sequence[Disturbance]) -> tuple[float, ...]:
     delays = [(one.stop.casefold(), one.delay_s) for one in disturbances if isinstance(one, DepartureDelay)]
     return tuple(sum(delay_s for name, delay_s in delays if name == stop.name.casefold()) for stop in service.stops)
-
-
-AS_PLANNED = Conditions()
 
 
 def check_train(
@@ -460,7 +456,7 @@ def _changed(truth: Truth, conditions: Conditions) -> Iterator[str]:
     """The scenario's changes to the train: each key with its value, and the range from which the value is drawn."""
     for name, drawn in truth.conditions.items():
         value = getattr(conditions, name)
-        if value != getattr(AS_PLANNED, name):
+        if value != getattr(Conditions, name):
             ends = "" if drawn.low == drawn.high else f", drawn from {drawn.low:g} to {drawn.high:g}"
             yield f"truth.{name} = {value:.4g}{ends}"
     for name in ("vehicle", "load"):

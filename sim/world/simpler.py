@@ -86,14 +86,17 @@ class Staircase:
         """The speed to show (m/s) at a position and speed of the train; `judged_mps` is the reduced maximum speed."""
         i = int(kernels.interval(self._section.node_m, s_m))
         limit_mps = float(self._section.limit_mps[i])
-        free_mps = min(self._held(judged_mps), step_below(limit_mps))
+        # In whole steps; a small change of the reduced maximum speed does not change the speed shown.
+        self._judged_mps = steady_step(judged_mps, self._judged_mps)
+        free_mps = min(self._judged_mps, step_below(limit_mps))
         curve_mps = self.curve_mps(s_m)
         # While a train slows down, the shown speed does not rise as long as the train is faster than the new speed.
         slows = self._falls[i] and v_mps > free_mps > self._shown_mps
         if curve_mps >= free_mps:
             self._shown_mps = self._shown_mps if slows else free_mps
         else:
-            foot_mps = min(self._foot(i, s_m), free_mps)
+            next_mps = float(self._foot_mps[i])  # the next lower limit; 0 before a stop
+            foot_mps = min(step_below(next_mps) if next_mps > 0 else self._slow_mps(s_m), free_mps)
             if not foot_mps < self._shown_mps <= min(curve_mps, free_mps):
                 reached_mps = self._worth_reaching(i, v_mps, curve_mps)
                 self._shown_mps = max(foot_mps, min(step_below(reached_mps), free_mps))
@@ -105,16 +108,6 @@ class Staircase:
         i = int(kernels.interval(section.node_m, s_m))
         share = min(max((s_m - section.node_m[i]) / (section.node_m[i + 1] - section.node_m[i]), 0.0), 1.0)
         return math.sqrt(self._start_w[i] + (self._end_w[i] - self._start_w[i]) * share)
-
-    def _held(self, judged_mps: float) -> float:
-        """The reduced maximum speed in whole steps, changed only when `judged_mps` has clearly changed."""
-        self._judged_mps = steady_step(judged_mps, self._judged_mps)
-        return self._judged_mps
-
-    def _foot(self, i: int, s_m: float) -> float:
-        """The speed to show on a falling curve: the limit at the foot of the curve, or before a stop a slow speed."""
-        foot_mps = float(self._foot_mps[i])
-        return step_below(foot_mps) if foot_mps > 0 else self._slow_mps(s_m)
 
     def _slow_mps(self, s_m: float) -> float:
         """The slowest speed shown, halved until full braking from it stops the train at the mark."""

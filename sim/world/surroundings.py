@@ -115,20 +115,15 @@ class Calls:
     def kept(self) -> Iterator[KeptCall]:
         """The times and positions of the calls of the finished run at its stops."""
         service = self._service
-        tables, stops = service.timetables, service.stops
-        due_arrivals_ns, due_departures_ns = (
-            (0, *(t.arrival_ns for t in tables)),
-            (*(t.departure_ns for t in tables), 0),
-        )
-        stood_m = (stops[0].position_m, *(state.s_m for state in self.arrivals))
-        for i, stop in enumerate(stops):
+        stood_m = (service.stops[0].position_m, *(state.s_m for state in self.arrivals))
+        for i, (stop, due_arrival_ns, due_departure_ns) in enumerate(service.due()):
             yield KeptCall(
                 name=stop.name,
                 s_m=stop.position_m,
-                due_arrival_ns=due_arrivals_ns[i],
-                due_departure_ns=due_departures_ns[i],
+                due_arrival_ns=due_arrival_ns,
+                due_departure_ns=due_departure_ns,
                 arrived_ns=service.moment_ns(self.arrivals[i - 1].time_s) if i else 0,
-                departed_ns=service.moment_ns(self.departures[i].time_s) if i < len(tables) else 0,
+                departed_ns=service.moment_ns(self.departures[i].time_s) if i < len(service.timetables) else 0,
                 stood_m=stood_m[i],
             )
 
@@ -437,7 +432,7 @@ class SimulatedLocalisation:
         """The position that localisation reports in a state; None in a dropout."""
         fix = self._fix(state)
         for fault in self._faults:
-            if fault.from_s <= state.time_s < fault.from_s + fault.for_s:
+            if _lasts(fault, state.time_s):
                 if fault.fault is SensorFault.DROPOUT:
                     return None
                 fix = self._faulty(fix, fault)
