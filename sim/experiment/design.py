@@ -212,16 +212,13 @@ class Design:
         A condition consists of the texts of all factors' levels, in the order of the design, separated by spaces.
         """
         groups = self.conditions(within=False)
-        return Counter(
-            {
-                (participant_name(who + 1), self._named(groups[who % len(groups)] | inside)): self.procedure.repetitions
-                for who in range(self.people.count)
-                for inside in self.conditions(within=True)
-            }
-        )
-
-    def _named(self, condition: Mapping[str, FactorLevel]) -> str:
-        return " ".join(condition[one.name].text for one in self.factors)
+        found = Counter[tuple[str, str]]()
+        for who in range(self.people.count):
+            for inside in self.conditions(within=True):
+                condition = groups[who % len(groups)] | inside
+                texts = " ".join(condition[one.name].text for one in self.factors)
+                found[participant_name(who + 1), texts] = self.procedure.repetitions
+        return found
 
     def setting(self, condition: Mapping[str, FactorLevel]) -> Setting:
         """The setting of a trial under a condition; a factor that the condition does not name keeps its fixed
@@ -420,12 +417,7 @@ def _comparisons(
     fields: Fields, factors: Sequence[Factor], measures: Sequence[str], *, frozen: bool
 ) -> tuple[PlannedComparison, ...]:
     """The planned comparisons of a design; none if the study only describes conditions."""
-    listed = fields.data.get("comparisons", [])
-    if not isinstance(listed, list):
-        raise fields.error("comparisons", listed, "a list of tables")
-    fields.check_count("comparisons", listed, MOST_COMPARISONS)
-    tables = (Fields.of(fields.source, one, f"comparisons[{i}].") for i, one in enumerate(listed))
-    by_name = {factor.name: factor for factor in factors}
+    by_name, tables = {factor.name: factor for factor in factors}, fields.tables("comparisons", MOST_COMPARISONS)
     found = tuple(_comparison(one, by_name, measures, frozen=frozen) for one in tables)
     names = [one.name for one in found]
     for name in names:

@@ -16,7 +16,7 @@ from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, beginning_
 from sim.drivers.kinds import DESK
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
-from sim.experiment.runner import JobRecording, ServiceMemory, whole_run
+from sim.experiment.runner import JobRecording, ServiceMemory
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.recording.opening import open_recording
@@ -203,7 +203,9 @@ def drive(
     out = None if record is None else record.file
     driven = drive_day(day, driver, how, out, keep=keep)
     # A person does not repeat a drive because of one lost message; `das-sim check` reports the loss.
-    run, table = driven.run if desk is not None else whole_run(driven, out), driven.table
+    if desk is None and driven.traffic is not None and driven.traffic.lost:
+        raise DasError(f"{out}: {driven.traffic.lost} messages were lost")
+    run, table = driven.run, driven.table
     if keep and out is not None:
         table = DriveTable.of(open_recording(out))
     return Driven(day=day, run=run, outcome=outcome(day, run, setting.driver), looks=driver.looks, table=table)
@@ -242,18 +244,13 @@ def service_of(setting: Setting) -> Service:
 
 
 def _day(trial: StudyTrial, who: Participant | None) -> Day:
-    """The day of a trial, with the participant's random stream and the number of trips made before."""
+    """The day of a trial, with the participant's random stream, the trips made before, and the design's parameters."""
     day = make_day(service_of(trial.setting), trial.seed, who)
-    day = replace(day, stream=trial.stream)
-    if trial.trips is None:
-        return _with_parameters(day, trial.setting)
-    if "trips" in day.service.scenario.human.given:
-        source = day.service.scenario.source
-        raise DasError(f"{source}: human.trips: expected none, because the design counts trips (learning)")
-    return _with_parameters(replace(day, human=day.human.after(trial.trips)), trial.setting)
-
-
-def _with_parameters(day: Day, setting: Setting) -> Day:
-    """The day with those parameters of the human driver that the design fixes or varies."""
-    changed: dict[str, Any] = dict(setting.human)
-    return replace(day, human=replace(day.human, **changed)) if changed else day
+    human, scenario = day.human, day.service.scenario
+    if trial.trips is not None:
+        if "trips" in scenario.human.given:
+            expected = "expected none, because the design counts trips (learning)"
+            raise DasError(f"{scenario.source}: human.trips: {expected}")
+        human = human.after(trial.trips)
+    decided: dict[str, Any] = dict(trial.setting.human)
+    return replace(day, stream=trial.stream, human=replace(human, **decided))

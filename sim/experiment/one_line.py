@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,6 +139,8 @@ def told(jobs: Sequence[TrialJob], found: StudyRun) -> dict[str, Any]:
 
 Row = Mapping[str, Any]
 """A trial: `scenario`, `driver`, `advice`, `friction_policy`, `participant`, `seed`, and its measures or `error`."""
+Pair = tuple[int, int | None]
+"""The day (its seed) and the person of two compared runs."""
 LEAST_VALUES: Final = 3
 """Fewest values whose mean has an interval; for two values, Student's t would make it too wide to be useful."""
 SHARE_NAMES: Final = {
@@ -239,29 +241,18 @@ def savings(rows: Sequence[Row]) -> list[SplitSaving]:
     A pair has the same day and the same person (column `participant`, if there is one). Runs that are not comparable
     with their optimum are left out, as are runs of a driver whose brakes depend on the advice.
     """
-    good: dict[tuple[str, str, str], dict[_Pair, Row]] = {}
+    good: dict[tuple[str, str, str], dict[Pair, Row]] = {}
     for row in rows:
-        if row.get("error") is None and row["above_optimum_kwh"] is not None and _brakes_alike(row):
+        by_advice = row["driver"] == DriverKind.HUMAN and row.get("friction_policy") == FrictionPolicy.BY_ADVICE
+        if row.get("error") is None and row["above_optimum_kwh"] is not None and not by_advice:
             runs = good.setdefault((row["scenario"], row["driver"], row["advice"]), {})
-            runs[_Pair(row["seed"], row.get("participant"))] = row
+            runs[row["seed"], row.get("participant")] = row
     found = (_saving(good, *kind) for kind in good if kind[2] != Presentation.NONE)
     return [one for one in found if one is not None]
 
 
-def _brakes_alike(row: Row) -> bool:
-    """Whether the driver brakes in the same way with and without advice."""
-    return row["driver"] != DriverKind.HUMAN or row.get("friction_policy") != FrictionPolicy.BY_ADVICE
-
-
-class _Pair(NamedTuple):
-    """The key of two compared runs: the day and the person."""
-
-    seed: int
-    participant: int | None
-
-
 def _saving(
-    good: Mapping[tuple[str, str, str], Mapping[_Pair, Row]], scenario: str, driver: str, advice: str
+    good: Mapping[tuple[str, str, str], Mapping[Pair, Row]], scenario: str, driver: str, advice: str
 ) -> SplitSaving | None:
     """The saving of one presentation; None if no day was driven without advice as well."""
     advised, alone = good[scenario, driver, advice], good.get((scenario, driver, Presentation.NONE), {})
@@ -277,9 +268,9 @@ def _saving(
     profile, tracking = float(less("energy_profile_kwh").mean()), None
     followable = presenter_of(Presentation(advice)).follower() is not None
     exact = good.get((scenario, DriverKind.PERFECT, advice), {}) if followable else {}
-    followed = {pair.seed: row for pair, row in exact.items()}
-    if driver != DriverKind.PERFECT and all(pair.seed in followed for pair in pairs):
-        lost = [advised[pair]["energy_profile_kwh"] - followed[pair.seed]["energy_profile_kwh"] for pair in pairs]
+    followed = {seed: row for (seed, _), row in exact.items()}
+    if driver != DriverKind.PERFECT and all(seed in followed for seed, _ in pairs):
+        lost = [advised[pair]["energy_profile_kwh"] - followed[pair[0]]["energy_profile_kwh"] for pair in pairs]
         tracking = -float(np.mean(lost))
         profile -= tracking
     return SplitSaving(

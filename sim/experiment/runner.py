@@ -30,8 +30,6 @@ from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
 from das.domain.levels import Level
 from precompute.workers import Workers
-from sim.world.driving import DayRun
-from sim.world.loop import Run
 from sim.world.scenario import Scenario
 from sim.world.service import Service, prepare_service
 
@@ -267,10 +265,3 @@ class ServiceMemory:
         solved = prepare_service(scenario, level=level)
         self._kept = [*self._kept, (level, solved)][-self._most :]
         return solved.on(scenario)
-
-
-def whole_run(driven: DayRun, out: Path | None) -> Run:
-    """The run of a job; raises DasError if messages are missing from the recording."""
-    if driven.traffic is not None and driven.traffic.lost:
-        raise DasError(f"{out}: {driven.traffic.lost} messages were lost")
-    return driven.run

@@ -311,13 +311,8 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
         if made or not (folder / README).exists():
             write_whole(folder / README, readme(design, workers, began, datetime.now(UTC)))
 
+    once = {(job.inputs_sha256, job.record): job for job in reversed(jobs)}  # some drivers do not depend on the person
     words = JobWords("experiment", "trials", "drive")
-    made = Runner(make=make_trial, folder=folder, workers=workers, words=words).run(
-        in_order_of_work(_driven_once(jobs)), write
-    )
+    runner = Runner(make=make_trial, folder=folder, workers=workers, words=words)
+    made = runner.run(in_order_of_work(list(once.values())), write)
     return StudyRun(folder=folder, trials=len(jobs), made=made, failed=tuple(failed), measures=good)
-
-
-def _driven_once(jobs: Sequence[TrialJob]) -> list[TrialJob]:
-    """The jobs without duplicates: some drivers have the same job for every participant."""
-    return list({(job.inputs_sha256, job.record): job for job in reversed(jobs)}.values())

@@ -375,7 +375,10 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
     human, of_human = service.scenario.human.of(seed, participant, service.scenario.source)
     truth = service.scenario.truth.draw(seed)
     service.check_train(truth)
-    population = None if participant is None else participant.population
+    drawn: dict[str, Any] = {"disturbances": as_figures(disturbances), "truth": asdict(truth), "human": of_human}
+    if participant is not None:
+        population = participant.population
+        drawn["population"] = {"id": population.id, "sha256": sha256(population.source)}
     return Day(
         service=service,
         seed=seed,
@@ -385,14 +388,7 @@ def make_day(service: Service, seed: int, participant: Participant | None = None
         held_s=_held_s(service, disturbances),
         human=human,
         stream=stream_of(participant),
-        drawn={
-            "disturbances": as_figures(disturbances),
-            "truth": asdict(truth),
-            "human": of_human,
-            **(
-                {} if population is None else {"population": {"id": population.id, "sha256": sha256(population.source)}}
-            ),
-        },
+        drawn=drawn,
     )
 
 

@@ -164,10 +164,6 @@ class RunStudy:
             kept &= trials.levels[name] == level
         return kept
 
-    def rows(self, comparison: PlannedComparison) -> Ints:
-        """The indices of the trials that belong to a comparison."""
-        return np.flatnonzero(self.chosen(comparison))
-
     def shown(self, measure: str) -> ShownMeasure:
         """The format of a measure."""
         return ShownMeasure.of(measure, self.trials.values[measure])
@@ -425,7 +421,7 @@ def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrial
 
 
 def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
-    trials, rows = study.trials, study.rows(comparison)
+    trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
     cells: dict[_Cell, dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
     for row, others in zip(rows, study.conditions(rows, without=comparison.factor), strict=True):
