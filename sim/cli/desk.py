@@ -41,10 +41,6 @@ WhatArgument = Annotated[
         help="Bundled scenario (das-sim list scenarios lists them) or TOML file to drive; or recording (.mcap) to see.",
     ),
 ]
-AtOption = Annotated[
-    str | None,
-    typer.Option("--at", metavar="TIME", help="Recording: begin here, 12:34 on the drive's clock."),
-]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +89,10 @@ def desk(
     asked: DayAsked,
     pace: PaceOption = "real",
     recorded: RecordingAsked,
-    at: AtOption = None,
+    at: Annotated[
+        str | None,
+        typer.Option("--at", metavar="TIME", help="Recording: begin here, 12:34 on the drive's clock."),
+    ] = None,
     of_train: OfTrainOption = None,
     watched: WatchAsked,
     as_json: JsonOption = False,

@@ -19,16 +19,7 @@ from das.domain.errors import DasError
 from das.domain.files.writing import check_writable, write_whole
 from precompute.workers import Workers
 from sim.cli.desk import SessionLooks, check_lsl, show_page
-from sim.cli.options import (
-    AdviceListOption,
-    DriversOption,
-    FrictionOption,
-    ParticipantsOption,
-    WorkersOption,
-    check_packages,
-    chosen,
-    tell_written,
-)
+from sim.cli.options import FrictionOption, WorkersOption, check_packages, chosen, tell_written
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation, named_driver
 from sim.options import LEAST_DRIVERS, PageFiles, PopulationOption, typed_command
 
@@ -123,6 +114,27 @@ SchedulerOption = Annotated[
 ]
 RecordingsOption = Annotated[
     bool, typer.Option("--recordings", help="Drive over the bus and keep a recording of every trial (slower).")
+]
+AdviceListOption = Annotated[
+    str,
+    typer.Option("--advice", metavar="LIST", help="Contents of the display, separated by commas (see das-sim run -h)."),
+]
+DriversOption = Annotated[
+    str,
+    typer.Option(
+        "--driver",
+        metavar="LIST",
+        help="The drivers, separated by commas: names (das-sim list drivers lists them) or classes of your own "
+        "(package.module:Class).",
+    ),
+]
+ParticipantsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--participants",
+        metavar="RANGE",
+        help="Human drivers of the population, like 1-30, each in every run [default: the average driver].",
+    ),
 ]
 ONE_LINE: Final = ("--driver", "--advice", "--seeds", "--friction", "--participants", "--population")
 """Options of `run` that go with --scenario, instead of a design."""
@@ -229,16 +241,13 @@ StudyArgument = Annotated[
 ]
 
 
-WithOption = Annotated[
-    Path | None,
-    typer.Option("--with", metavar="DIR", help="Another study of the same design, whose drivers are compared."),
-]
-
-
 def analyse(
     folder: StudyArgument,
     written: PageFiles,
-    other: WithOption = None,
+    other: Annotated[
+        Path | None,
+        typer.Option("--with", metavar="DIR", help="Another study of the same design, whose drivers are compared."),
+    ] = None,
     overwrite: OverwriteOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -297,16 +306,13 @@ def rescore(
     tell_written(out)
 
 
-PeopleOption = Annotated[
-    list[str] | None,
-    typer.Option("--participant", metavar="P07", help="Pseudonym; may be given several times [default: all]."),
-]
-
-
 def fit(
     folder: StudyArgument,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Population file to write (.toml).")],
-    participant: PeopleOption = None,
+    participant: Annotated[
+        list[str] | None,
+        typer.Option("--participant", metavar="P07", help="Pseudonym; may be given several times [default: all]."),
+    ] = None,
     design: Annotated[
         Path | None,
         typer.Option("--design", metavar="FILE", help="The design, if it names scenario, train or population files."),
@@ -342,10 +348,11 @@ def fit(
     tell_written(out)
 
 
-PersonOption = Annotated[str, typer.Option("--participant", metavar="P07", help="Pseudonym of the participant.")]
-
-
-def forget(folder: StudyArgument, participant: PersonOption, as_json: JsonOption = False) -> None:
+def forget(
+    folder: StudyArgument,
+    participant: Annotated[str, typer.Option("--participant", metavar="P07", help="Pseudonym of the participant.")],
+    as_json: JsonOption = False,
+) -> None:
     """Remove a participant from the folder of a study with people.
 
     The journal, the recordings, and the rows in the tables of trials and answers are removed; the pseudonym and the

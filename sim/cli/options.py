@@ -9,20 +9,17 @@ from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from das.command_line.printing import tell
 from das.domain.errors import DasError, one_of
 from das.domain.files.writing import make_folder, new_file
-from sim.drivers.kinds import FrictionPolicy, Presentation
+from sim.drivers.kinds import FrictionPolicy
 
 if TYPE_CHECKING:
     from das.domain.route import Route
-
-DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
-"""Endpoint at which a run listens for an external driver."""
 
 TripArgument = Annotated[
     Path,
@@ -45,69 +42,12 @@ WorkersOption = Annotated[
     int | None,
     typer.Option("--workers", metavar="N", help="Number of processes [default: one per core].", min=1, max=1024),
 ]
-DriverOption = Annotated[
-    str,
-    typer.Option(
-        "--driver",
-        metavar="DRIVER",
-        help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
-        "(package.module:Class), or external, a separate process (explained by das-sim list drivers).",
-    ),
-]
-AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
-AdviceListOption = Annotated[
-    str,
-    typer.Option("--advice", metavar="LIST", help="Contents of the display, separated by commas (see das-sim run -h)."),
-]
 FrictionOption = Annotated[
     FrictionPolicy,
     typer.Option(
         "--friction",
         help="How a human driver brakes if the motors could brake: with a share of friction (as-measured), with the "
         "motors (electric-first), or as measured unless the driver follows advice on effort (by-advice).",
-    ),
-]
-DriverAtOption = Annotated[
-    str | None,
-    typer.Option(
-        "--driver-at",
-        metavar="ENDPOINT",
-        help=f"Where a run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
-    ),
-]
-DriversOption = Annotated[
-    str,
-    typer.Option(
-        "--driver",
-        metavar="LIST",
-        help="The drivers, separated by commas: names (das-sim list drivers lists them) or classes of your own "
-        "(package.module:Class).",
-    ),
-]
-ScenarioArgument = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim list scenarios lists them) or TOML file.")
-]
-JourneyOption = Annotated[
-    str | None,
-    typer.Option(
-        "--journey",
-        metavar="FILE",
-        help="Stops, dwells, passings and times of a journey file, or of a bundled journey, instead of the scenario's; "
-        "the times count on the day of the scenario's departure.",
-    ),
-]
-InProcessOption = Annotated[
-    bool, typer.Option("--in-process", help="Run without bus and recording: the same on-board system in this process.")
-]
-CardsOption = Annotated[
-    bool, typer.Option("--cards", help="Also print what the driver saw, a card for each change, and the node's log.")
-]
-ParticipantsOption = Annotated[
-    str | None,
-    typer.Option(
-        "--participants",
-        metavar="RANGE",
-        help="Human drivers of the population, like 1-30, each in every run [default: the average driver].",
     ),
 ]
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -282,7 +281,10 @@ def what_if(
             origin = Origin.read(file, of_train, Path(folder))
         origin.check_on_the_way(new)
         kind = _kind_of(origin, new, asked.anew)
-        with _new_recording(file, out) as written:
+        # A new file is removed again if it stays empty.
+        reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
+        written = out or reserved or file
+        with removed_if_unused(reserved):
             notes = _write_what_if(origin, new, kind, said, written)
         with busy("comparing …"):
             compare = _compared_advice if kind is WhatIfKind.OPEN_LOOP else _compared_drives
@@ -313,14 +315,6 @@ def _kind_of(origin: Origin, new: Otherwise, anew: bool | None) -> WhatIfKind:
             "--advice",
         )
     return WhatIfKind.OPEN_LOOP
-
-
-@contextmanager
-def _new_recording(file: Path, out: Path | None) -> Iterator[Path]:
-    """The file to write: `out`, or a new file next to `file`; a new file is removed again if it stays empty."""
-    reserved = new_file(file.with_name(f"{file.stem}-what-if.mcap")) if out is None else None
-    with removed_if_unused(reserved):
-        yield out or reserved or file
 
 
 def _write_what_if(origin: Origin, new: Otherwise, kind: WhatIfKind, said: NodeSaid, out: Path) -> list[str]:

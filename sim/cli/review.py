@@ -107,11 +107,6 @@ class NewNote:
         tell_written(add_note(files[0], Note(at_ns, self.note)))
 
 
-SaveOption = Annotated[
-    Path | None,
-    typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
-]
-LanguageOption = Annotated[Language, typer.Option("--language", help="Language of the driver's display.")]
 SHOWN = 8
 """Number of stretches in the table of a comparison, which lists those on which the drives differ most."""
 
@@ -140,13 +135,20 @@ def report(
     """Write a report on recorded drives: one page for an instructor, then figures, pictures and events."""
     parts = tuple(show or (ReportPart.WORDS,))
     whole = as_json or any(path is not None for path in written.paths)
-    _check_asked(files, parts, listed, table)
+    if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
+        raise DasError("--kind, --from and --to select events: expected --show events or --show bookmarks as well")
+    if table is not None and len(files) < 2:
+        raise DasError("--table: expected two or more recordings, to compare the others with the first")
     if whole:
         check_packages("view", "jinja2", "matplotlib")
     written.check(files, table, overwrite=overwrite)
     noted.add(files)
     if not whole and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
-        _print_listed(files[0], parts, listed)
+        from sim.drive.drive import Drive
+
+        with busy(f"reading {files[0]} …"):
+            drive = Drive.read(files[0])
+        _print_parts(drive, parts, listed)
         return
     with loading_solver():
         from sim.drive.comparison import compared
@@ -178,21 +180,6 @@ def _read(files: Sequence[Path], *, whole: bool) -> tuple[list[Drive], list[Revi
 
     subjects = [subject_of(path) for path in files]
     return [one.drive for one in subjects], subjects
-
-
-def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
-    if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
-        raise DasError("--kind, --from and --to select events: expected --show events or --show bookmarks as well")
-    if table is not None and len(files) < 2:
-        raise DasError("--table: expected two or more recordings, to compare the others with the first")
-
-
-def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
-    from sim.drive.drive import Drive
-
-    with busy(f"reading {file} …"):
-        drive = Drive.read(file)
-    _print_parts(drive, parts, listed)
 
 
 def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
@@ -316,11 +303,14 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
 
 def view(
     file: RecordingArgument,
-    save: SaveOption = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE", help="File for rerun (.rrd) to write, instead of opening the viewer."),
+    ] = None,
     overwrite: OverwriteOption = False,
     start: FromTimeOption = None,
     end: ToTimeOption = None,
-    language: LanguageOption = Language.EN,
+    language: Annotated[Language, typer.Option("--language", help="Language of the driver's display.")] = Language.EN,
     of_train: OfTrainOption = None,
 ) -> None:
     """Look at a recording in the rerun viewer: speed, limits, advice, forces, delay, events.

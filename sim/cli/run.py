@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
 
 from das.command_line.application import refuse_given
 from das.command_line.files import check_outputs
@@ -26,20 +28,7 @@ from das.command_line.options import (
 from das.command_line.printing import busy, loading_solver, one_line, progress_bar
 from das.domain.errors import DasError
 from das.domain.units import KM
-from sim.cli.options import (
-    DEFAULT_DRIVER_AT,
-    AdviceOption,
-    CardsOption,
-    DriverAtOption,
-    DriverOption,
-    FrictionOption,
-    InProcessOption,
-    JourneyOption,
-    ScenarioArgument,
-    naming_recorded,
-    new_recording,
-    removed_if_unused,
-)
+from sim.cli.options import FrictionOption, naming_recorded, new_recording, removed_if_unused
 from sim.drivers.kinds import DESK, EXTERNAL, DriverKind, DriverName, FrictionPolicy, Presentation, named_driver
 from sim.options import LATE_KERNELS, PaceOption, ParticipantOption, PopulationOption, pace_factor, typed_command
 
@@ -53,6 +42,45 @@ if TYPE_CHECKING:
     from sim.world.outcome import DayResult
     from sim.world.scenario import Scenario
     from sim.world.service import Day
+
+DEFAULT_DRIVER_AT: Final = "tcp/127.0.0.1:7450"
+"""Endpoint at which a run listens for an external driver."""
+DriverOption = Annotated[
+    str,
+    typer.Option(
+        "--driver",
+        metavar="DRIVER",
+        help="The driver: perfect, literal, fast, top-speed, timetable, human, a class of your own "
+        "(package.module:Class), or external, a separate process (explained by das-sim list drivers).",
+    ),
+]
+AdviceOption = Annotated[Presentation, typer.Option("--advice", help="What the driver's display shows.")]
+DriverAtOption = Annotated[
+    str | None,
+    typer.Option(
+        "--driver-at",
+        metavar="ENDPOINT",
+        help=f"Where a run listens for an external driver [default: {DEFAULT_DRIVER_AT}].",
+    ),
+]
+ScenarioArgument = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="Bundled scenario (das-sim list scenarios lists them) or TOML file.")
+]
+JourneyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--journey",
+        metavar="FILE",
+        help="Stops, dwells, passings and times of a journey file, or of a bundled journey, instead of the scenario's; "
+        "the times count on the day of the scenario's departure.",
+    ),
+]
+InProcessOption = Annotated[
+    bool, typer.Option("--in-process", help="Run without bus and recording: the same on-board system in this process.")
+]
+CardsOption = Annotated[
+    bool, typer.Option("--cards", help="Also print what the driver saw, a card for each change, and the node's log.")
+]
 
 
 @dataclass(frozen=True, kw_only=True)
