@@ -162,25 +162,23 @@ def _direction(record: Record, route: Route, said: TripOptions, log: FindingLog)
     line = _line(record, driven, said.posts)
     if record.as_driven or not runs_back(record.driven(reverse, route.length_m), line):
         return driven, reverse, line
-    _check_turn(record, said, line)
     other = route if reverse else route.reversed()
     right = "leave out --reverse" if said.reverse else "give --reverse"
     posts = f", or turn the list {said.posts} round" if line is not None and not line.on_route else ""
+    _check_turn(record, said, line, right, posts)
     log.add(FindingKind.OTHER_WAY, record, [0], f"{other.stops[0].name} to {other.stops[-1].name}: {right}{posts}")
     if line is not None:
         line = _line(record, other, said.posts) if line.on_route else line.turned()
     return other, not reverse, line
 
 
-def _check_turn(record: Record, said: TripOptions, line: Line | None) -> None:
-    """Raise DasError for a trip that runs against the given direction or the named stops."""
-    right = "leave out --reverse" if said.reverse else "give --reverse"
+def _check_turn(record: Record, said: TripOptions, line: Line | None, right: str, posts: str) -> None:
+    """Raise DasError, with what is right in words, for a trip that runs against the given direction or named stops."""
     along = f" along {line.source}" if line is not None else ""
     if said.from_stop is None and said.to_stop is None:
         if said.reverse is None:
             return
         order = "--reverse" if said.reverse else "--no-reverse"
-        posts = f", or turn the list {line.source} round" if line is not None and not line.on_route else ""
         raise DasError(f"{record.source}: {order}: the trip runs the other way{along}: {right}{posts}")
     named = " and ".join(f"--{name}" for name, stop in (("from", said.from_stop), ("to", said.to_stop)) if stop)
     raise DasError(f"{record.source}: the trip runs the other way{along}: {right}, and change {named}")

@@ -193,19 +193,15 @@ class HumanRange:
     given: Mapping[str, Drawn]
 
     def of(self, seed: int, who: Participant | None, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of the participant or, without one, of the seed's driver, and the values drawn for them."""
-        if who is not None:
-            return self.participant(who, source)
-        random = np.random.default_rng([seed, HUMAN_STREAM])
-        drawn = {name: figure.draw(random) for name, figure in self.given.items()}
-        return _driver(drawn), drawn
+        """The parameters of the participant or, without one, of the seed's driver, and the values drawn for them.
 
-    def participant(self, who: Participant, source: Path) -> tuple[HumanParameters, dict[str, float]]:
-        """The parameters of a participant, and the values drawn for them.
-
-        Values of the scenario (`source`) replace the population's. Raises DasError if the values contradict each other,
-        or if the scenario gives a range, which would make a different driver for each seed.
+        Values of the scenario (`source`) replace the population's. Raises DasError if those of a participant contradict
+        each other, or if the scenario gives a range, which would make a different driver for each seed.
         """
+        if who is None:
+            random = np.random.default_rng([seed, HUMAN_STREAM])
+            drawn = {name: figure.draw(random) for name, figure in self.given.items()}
+            return _driver(drawn), drawn
         for name, figure in self.given.items():
             if figure.low != figure.high:
                 expected = "expected one value, because a participant is the same in every run"

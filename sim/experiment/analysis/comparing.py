@@ -24,7 +24,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -344,14 +344,6 @@ LEAST_IN_GROUP: Final = 3
 """Smallest number of participants for an interval of their mean by Student's t, and for a group."""
 
 
-class _Cell(NamedTuple):
-    """The properties that the trials of a pair share: participant, day, and levels of other factors."""
-
-    participant: str
-    day: str
-    others: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class PairedTrials:
     """The pairs of a comparison between conditions that every participant drove.
@@ -423,16 +415,17 @@ def paired_trials(study: RunStudy, comparison: PlannedComparison) -> PairedTrial
 def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -> PairedTrials:
     trials, rows = study.trials, np.flatnonzero(study.chosen(comparison))
     level, values = trials.levels[comparison.factor], trials.values[comparison.measure]
-    cells: dict[_Cell, dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
+    # By what the trials of a pair share: participant, day, and levels of other factors.
+    cells: dict[tuple[str, str, str], dict[str, list[int]]] = defaultdict(lambda: {comparison.a: [], comparison.b: []})
     for row, others in zip(rows, study.conditions(rows, without=comparison.factor), strict=True):
-        cell = _Cell(str(trials.participant[row]), str(trials.day[row]) if with_day else "", str(others))
+        cell = str(trials.participant[row]), str(trials.day[row]) if with_day else "", str(others)
         cells[cell][str(level[row])].append(int(row))
     whole = {cell: (one[comparison.a], one[comparison.b]) for cell, one in sorted(cells.items()) if all(one.values())}
-    names = tuple(sorted({cell.participant for cell in whole}))
+    names = tuple(sorted({who for who, _, _ in whole}))
     number = {name: index for index, name in enumerate(names)}
     return PairedTrials(
         participants=names,
-        owner=np.array([number[cell.participant] for cell in whole], dtype=np.int64),
+        owner=np.array([number[who] for who, _, _ in whole], dtype=np.int64),
         a=np.array([values[a].mean() for a, _ in whole.values()]),
         b=np.array([values[b].mean() for _, b in whole.values()]),
         unpaired=len(rows) - sum(len(a) + len(b) for a, b in whole.values()),

@@ -163,14 +163,14 @@ def test_a_range_in_the_scenario_is_refused_with_a_participant(
     path = flat("[human]\nbraking_mps2 = {min = 0.4, max = 0.6}\n")
     human = read_scenario(path).human
     with pytest.raises(DasError, match=r"human\.braking_mps2 is a range: expected one value"):
-        human.participant(Participant(population=default, number=1), path)
+        human.of(0, Participant(population=default, number=1), path)
 
 
 def test_values_that_contradict_each_other_name_the_participant(flat: Callable[[str], Path], tmp_path: Path) -> None:
     text = '[parameters.glance_mean_s]\ndistribution = "fixed"\nvalue = 0.5\nsource = "a"\n'
     found, path = population_of(tmp_path, text), flat("")
     with pytest.raises(DasError, match=r"few.toml: participant 3: .*glance_mean_s = 0.5: expected at least"):
-        read_scenario(path).human.participant(Participant(population=found, number=3), path)
+        read_scenario(path).human.of(0, Participant(population=found, number=3), path)
 
 
 @pytest.mark.nightly
