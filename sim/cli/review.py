@@ -160,7 +160,12 @@ def report(
 
         written.write(lambda: page(subjects, aligned, not_compared))
     if table is not None:
-        _write_csv(table, aligned, not_compared)
+        from das.domain.files.writing import write_whole
+        from sim.drive.comparison import as_csv
+
+        if aligned is None:
+            raise DasError(f"--table: {not_compared}")
+        write_whole(table, as_csv(aligned))
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
@@ -194,15 +199,6 @@ def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents
             _print_energy(drive)
         else:
             _print_events(drive, listed.filter(drive, bookmarks=part is ReportPart.BOOKMARKS))
-
-
-def _write_csv(path: Path, aligned: AlignedDrives | None, not_compared: str) -> None:
-    from das.domain.files.writing import write_whole
-    from sim.drive.comparison import as_csv
-
-    if aligned is None:
-        raise DasError(f"--table: {not_compared}")
-    write_whole(path, as_csv(aligned))
 
 
 def _print_events(drive: Drive, wanted: Filter) -> None:

@@ -266,7 +266,7 @@ def _check_given(who: DriverName, *, in_process: bool, as_json: bool) -> None:
         refuse_given("--json prints no cards", "--cards")
 
 
-def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
+def _print_cards(table: DriveTable | None, recorded: Path | None) -> None:
     """Print what the driver saw, a line for each change of instruction or reason, and the node's log in between."""
     from itertools import groupby
 
@@ -274,9 +274,9 @@ def _print_cards(kept: DriveTable | None, recorded: Path | None) -> None:
     from sim.recording.opening import open_recording
     from sim.review.words import cards
 
-    assert kept is not None or recorded is not None
-    table = kept if kept is not None or recorded is None else DriveTable.of(open_recording(recorded))
-    assert table is not None
+    if table is None:
+        assert recorded is not None
+        table = DriveTable.of(open_recording(recorded))
     changes = (next(same) for _, same in groupby(cards(table), lambda card: card.said))
     said = [(card.time_ns, card.line) for card in changes]
     said += [(line.time_ns, f"  {line.words}") for line in table.said.node]

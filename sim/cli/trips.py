@@ -175,7 +175,11 @@ def first_minute() -> None:
             replayed(trip, ReplayOptions(), recorded)
             with naming_recorded(recorded):
                 drive.finish()
-        found = _compared(recorded, guided)
+        from sim.drive.comparison import AlignedDrives, drives_on_track
+        from sim.drive.drive import Drive
+
+        with busy("comparing …"):
+            found = AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(guided)]))
     _print(found)
     tell(f"See it: {typed('das-sim')} view {shlex.quote(str(guided))}")
 
@@ -222,14 +226,6 @@ class _Guided:
         if self._ended:
             raise DasError("the drive with the guide was ended early")
         self._done_m, self._whole_m = done_m, whole_m
-
-
-def _compared(recorded: Path, guided: Path) -> AlignedDrives:
-    from sim.drive.comparison import AlignedDrives, drives_on_track
-    from sim.drive.drive import Drive
-
-    with busy("comparing …"):
-        return AlignedDrives.of(drives_on_track([Drive.read(recorded), Drive.read(guided)]))
 
 
 def _print(found: AlignedDrives) -> None:

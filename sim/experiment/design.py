@@ -308,7 +308,7 @@ def _design(fields: Fields, *, frozen: bool) -> Design:
         procedure=_procedure(fields.optional_table("procedure"), factors),
         measures=measures,
         comparisons=_comparisons(fields, factors, measures, frozen=frozen),
-        alpha=_real(analysis, "alpha", (1e-6, 0.5), DEFAULT_ALPHA),
+        alpha=real(analysis, "alpha", (1e-6, 0.5), DEFAULT_ALPHA),
         correction=correction,
         desk=desk,
         hash=fields.text("hash", ""),
@@ -323,10 +323,11 @@ def study_name(table: Fields) -> str:
     return name
 
 
-def _real(table: Fields, key: str, ends: tuple[float, float], default: float) -> float:
+def real(table: Fields, key: str, ends: tuple[float, float], default: object = MISSING, unit: str = "") -> float:
+    """The number under a key, between the two ends (inclusive) in the unit; InputError for anything else."""
     value = number(table.source, f"{table.prefix}{key}", table.data.get(key, default))
     if not ends[0] <= value <= ends[1]:
-        raise table.error(key, value, f"a number from {ends[0]:g} to {ends[1]:g}")
+        raise table.error(key, value, f"a number from {ends[0]:g} to {ends[1]:g} {unit}".rstrip())
     return value
 
 
@@ -468,7 +469,7 @@ def _people(table: Fields, *, frozen: bool) -> People:
         count=table.whole("count", (1, MOST_PARTICIPANTS)),
         first=table.whole("first", (0, 10**9), People.first),
         population=population,
-        trips_before=_real(table, "trips_before", (0.0, 1e5), People.trips_before),
+        trips_before=real(table, "trips_before", (0.0, 1e5), People.trips_before),
         learning=table.flag("learning", People.learning),
         average=table.flag("average", People.average),
     )

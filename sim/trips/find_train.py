@@ -121,14 +121,6 @@ class FoundTrain:
         return self.mass_sd <= RATIO_KNOWN_SD_RATIO * RATIO_MASS_SD
 
 
-class TrainWindow(NamedTuple):
-    """A window of the motion with the full effort of a train as its force, its mean speed and its full brakes (N)."""
-
-    means: MeasuredWindow
-    speed_mps: float
-    brakes_n: float
-
-
 def candidates(text: str) -> list[tuple[str, Vehicle]]:
     """The trains of a list with commas: bundled names, files, folders of vehicle files, `all` for the bundled ones.
 
@@ -207,7 +199,7 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
             f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOW_SAMPLES} s above "
             f"{SLOWEST_MPS / KMH:.0f} km/h, expected at least {WINDOW_LEAST}"
         )
-    fits = [_WindowFit.of(window, vehicle) for window in windows]
+    fits = [_WindowFit.of(means, brakes_n, vehicle) for means, brakes_n in windows]
     posterior = RATIOS.log_prior + WINDOW_WEIGHT * sum(one.log_density for one in fits)
     evidence = _log_sum(posterior)
     weight = np.exp(posterior - evidence)
@@ -255,8 +247,11 @@ def speed_noise_mps(trip: Trip) -> float:
     return max(float(np.median(np.abs(off - np.median(off)))) / NORMAL_MAD, SPEED_SD_MPS)
 
 
-def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWindow]:
-    """The windows of the smooth run above a low speed; each overlaps half of the one before."""
+def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[tuple[MeasuredWindow, float]]:
+    """The windows of the smooth run above a low speed; each overlaps half of the one before.
+
+    A window has the full effort of the train as its force; beside it are the full brakes (N) at its mean speed.
+    """
     run, samples = trip.run, WINDOW_SAMPLES
     line = LineIntegral(trip.route, vehicle, vehicle.train_length_m, speed_sd_mps=noise_mps)
     effort_n = vehicle.traction_effort_n(np.maximum(run.speed_mps, SLOWEST_MPS))
@@ -268,8 +263,7 @@ def windows_of(trip: Trip, vehicle: Vehicle, noise_mps: float) -> list[TrainWind
             continue
         means = line.window(run.time_s[part], run.s_m[part], speed, effort_n[part], np.zeros(samples))
         if means is not None:
-            mean_mps = float(speed.mean())
-            found.append(TrainWindow(means, mean_mps, float(vehicle.brake_effort_n(mean_mps))))
+            found.append((means, float(vehicle.brake_effort_n(float(speed.mean())))))
     return found
 
 
@@ -291,20 +285,20 @@ class _WindowFit(NamedTuple):
     beyond: Floats
 
     @classmethod
-    def of(cls, window: TrainWindow, train: Vehicle) -> _WindowFit:
+    def of(cls, means: MeasuredWindow, full_brakes_n: float, train: Vehicle) -> _WindowFit:
         """The density of the acceleration (per m/s²) as a mixture of the acts of drivers.
 
         Coasting has no force, full traction the full effort; a driver who holds a speed hardly accelerates; anything
         else lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
         """
-        means, a = window.means, window.means.acceleration_mps2
+        a = means.acceleration_mps2
         carried_kg = RATIOS.mass * train.mass_kg
         moved_kg = carried_kg + train.mass_kg * train.rotating_mass_ratio
         c0_n = RATIOS.mass * train.resistance.c0_n
         held_n = carried_kg * means.line_mps2 + RATIOS.resistance * (c0_n + means.moving_n) + means.tunnel_n
         force_n = moved_kg * a + held_n
         full_n = np.maximum(np.minimum(means.force_n, moved_kg * train.max_acceleration_mps2 + held_n), 1.0)
-        brakes_n = np.minimum(window.brakes_n, moved_kg * WINDOW_HARDEST_BRAKING_MPS2)
+        brakes_n = np.minimum(full_brakes_n, moved_kg * WINDOW_HARDEST_BRAKING_MPS2)
         line_n = WINDOW_LINE_SD_RATIO * carried_kg * STANDARD_GRAVITY_MPS2
         sd_n = np.sqrt(moved_kg**2 * means.acceleration_variance + line_n**2)
         full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOW_FULL_SD_RATIO * full_n) ** 2)

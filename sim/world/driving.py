@@ -52,7 +52,9 @@ class OverBus:
         for heard in tick.told:
             self._lockstep.tell(heard)
             if isinstance(heard, PositionHeard):
-                self._locate(tick.now_ns, heard.fix.s_m)
+                place = self._day.service.route.location_deg(heard.fix.s_m)
+                if place is not None:
+                    self._lockstep.send(LOCATION, location(tick.now_ns, float(place[0]), float(place[1])))
         if self._paced:
             self._lockstep.request(tick.now_ns, tick.number)
             return None
@@ -61,11 +63,6 @@ class OverBus:
     def newest(self) -> Any | None:
         """The newest advice received since the last call if the run keeps a pace; otherwise None."""
         return self._lockstep.newest() if self._paced else None
-
-    def _locate(self, now_ns: int, s_m: float) -> None:
-        place = self._day.service.route.location_deg(s_m)
-        if place is not None:
-            self._lockstep.send(LOCATION, location(now_ns, float(place[0]), float(place[1])))
 
     def tell(self, now_ns: int, told: Told) -> None:
         """Send the messages that are only recorded."""

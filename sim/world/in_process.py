@@ -15,7 +15,6 @@ from das.cab.cab import Cab, CabSettings
 from das.cab.heard import STATES, Heard, Kind
 from das.cab.orders import Post, Trains
 from das.cab.preparation import Fronts
-from das.cab.situation import Situation
 from sim.drivers.knowledge import LineKnowledge
 from sim.world.loop import BEFORE_S, Tick, Told
 from sim.world.service import Service
@@ -49,17 +48,11 @@ class InProcess:
     def restart(self) -> None:
         """Start a new on-board system, which receives only messages kept by the bus: journey, restrictions, targets."""
         service = self._service
-        situation = Situation(
-            route=service.route,
-            vehicle=service.vehicle,
-            level=service.level,
-            braking=service.scenario.braking,
-        )
         trains = Trains(service.vehicle, service.vehicle)
         post = Post(train=TRAIN, route=service.route, trains=trains, reverse=service.scenario.reverse)
         calibrate = service.scenario.sensors.force_noise_ratio is not None
         fronts = FRONTS.setdefault(service.line, Fronts(kept_bytes=KEPT_BYTES))
-        self.cab = Cab(post, situation, fronts, CabSettings(calibrate=calibrate, guide=self._guide))
+        self.cab = Cab(post, service.situation, fronts, CabSettings(calibrate=calibrate, guide=self._guide))
         """The on-board system."""
         self._judged_ns = 0
         for heard in list(self._kept.values()):

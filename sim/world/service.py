@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from das.advice.advice import Timetable
 from das.cab.heard import JourneyHeard
+from das.cab.situation import Situation
 from das.domain.braking import USUAL, ServiceBraking
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, InputError
@@ -86,6 +87,12 @@ class Service:
             reversed=self.scenario.reverse,
             stops=tuple(OrderedStop(stop.name, stop.position_m, *times_ns) for stop, *times_ns in self.due()),
         )
+
+    @property
+    def situation(self) -> Situation:
+        """What the on-board system plans with: line, train, losses and braking; no restrictions."""
+        braking = self.scenario.braking
+        return Situation(route=self.route, vehicle=self.vehicle, level=self.level, braking=braking)
 
     def due(self) -> Iterator[tuple[Stop, int, int]]:
         """Each stop with its due arrival and departure (ns since 1970; 0: first arrival and last departure)."""

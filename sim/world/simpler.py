@@ -22,7 +22,6 @@ from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regi
 from das.advice.shown import OVERSPEED_MPS, steady_step, step_below
 from das.cab.heard import judged
 from das.cab.leg import AHEAD_DEVIATIONS
-from das.cab.situation import Situation
 from das.domain.braking import ServiceBraking
 from das.domain.errors import DasError
 from das.domain.journey import Window
@@ -292,13 +291,7 @@ class SimplerDisplays:
             return None
         service, table = self._service, self._service.timetables[number]
         start_m, end_m = (stop.position_m for stop in service.stops[number : number + 2])
-        situation = Situation(
-            route=service.route,
-            vehicle=service.vehicle,
-            level=service.level,
-            restrictions=tuple(judged(one) for one in told),
-            braking=service.scenario.braking,
-        )
+        situation = replace(service.situation, restrictions=tuple(judged(one) for one in told))
         situation = situation.at(advice.time_ns).between(start_m, end_m)
         if self._for != (number, situation.restrictions):
             self._for, self._shown = (number, situation.restrictions), None

@@ -88,13 +88,10 @@ class ShownMeasure:
 
     def value(self, value: float) -> str:
         """A value without its unit; empty for NaN."""
-        return self._printed(value).lstrip("+")
+        return self.difference(value).lstrip("+")
 
     def difference(self, value: float) -> str:
         """A difference with its sign, without its unit; empty for NaN."""
-        return self._printed(value)
-
-    def _printed(self, value: float) -> str:
         if not math.isfinite(value):
             return ""
         rounded = round(self.factor * value, self.digits)

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from das.domain.errors import MISSING, DasError
 from das.domain.files.load import bundled_files, locate
-from das.domain.files.reading import Fields, number, read_text, read_toml
+from das.domain.files.reading import Fields, read_text, read_toml
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
@@ -29,6 +29,7 @@ from sim.experiment.design import (
     People,
     Procedure,
     defaults,
+    real,
     study_name,
 )
 from sim.experiment.factors import FACTORS, OF_HUMAN, FactorLevel, day_of
@@ -144,15 +145,9 @@ def _inputs(own: Fields, scenario: Scenario) -> dict[str, Input]:
 
 def _input(table: Fields, known: KnownInput) -> Input:
     table.check_keys(["value", "low", "high", "source"])
-
-    def read(key: str, low: float, high: float) -> float:
-        value = number(table.source, f"{table.prefix}{key}", table.data.get(key, MISSING))
-        if not low <= value <= high:
-            raise table.error(key, value, f"a number from {low:g} to {high:g} {known.unit}".rstrip())
-        return value
-
-    value = read("value", known.least, known.most)
-    low, high = read("low", known.least, value), read("high", value, known.most)
+    value = real(table, "value", (known.least, known.most), unit=known.unit)
+    low = real(table, "low", (known.least, value), unit=known.unit)
+    high = real(table, "high", (value, known.most), unit=known.unit)
     return Input(value=value, low=low, high=high, source=table.text("source"))
 
 
