@@ -77,7 +77,7 @@ def listing(
 
         print_studies()
     else:
-        _print(TITLES[what], ("name", "meaning"), found)
+        _print("importers of trains" if what is Listed.IMPORTERS else str(what), ("name", "meaning"), found)
     if not as_json and what in (Listed.SCENARIOS, Listed.STUDIES):
         tell(f"their files, to copy and change: {Path(next(iter(found.values()))['file']).parent}")
 
@@ -161,11 +161,6 @@ def _importers() -> dict[str, str]:
     return own | brought(doors.IMPORTERS)
 
 
-TITLES: Final = {
-    Listed.PRESENTATIONS: "presentations",
-    Listed.MEASURES: "measures",
-    Listed.IMPORTERS: "importers of trains",
-}
 FOUND: Final[dict[Listed, Callable[[], dict[str, Any]]]] = {
     Listed.SCENARIOS: _scenarios,
     Listed.DRIVERS: _drivers,

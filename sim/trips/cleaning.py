@@ -209,20 +209,18 @@ def in_order(record: Record, log: FindingLog) -> Record:
     if np.count_nonzero(steps < 0) > np.count_nonzero(steps > 0):
         log.add(FindingKind.NEWEST_FIRST, record, [0], f"{np.count_nonzero(steps < 0)} of {len(steps)} steps go back")
         record = record.take(slice(None, None, -1))
-    again = np.ones(len(record), dtype=bool)
-    again[np.unique(record.time_ns, return_index=True)[1]] = False
-    log.add(FindingKind.DUPLICATE_TIME, record, again, "same time as a point before")
-    record = record.take(~again)
-    back = np.ones(len(record), dtype=bool)
-    back[longest_rise(record.time_ns)] = False
-    if np.count_nonzero(~back) < LEAST_KEPT_RATIO * len(back):
+    first = np.sort(np.unique(record.time_ns, return_index=True)[1])
+    log.add(FindingKind.DUPLICATE_TIME, record, np.delete(np.arange(len(record)), first), "same time as a point before")
+    record = record.take(first)
+    rising = longest_rise(record.time_ns)
+    if len(rising) < LEAST_KEPT_RATIO * len(record):
         raise DasError(
-            f"{record.source}: the times are in disorder: only {np.count_nonzero(~back)} of {len(back)} points are in "
-            "order, sort the file by time if it was shuffled"
+            f"{record.source}: the times are in disorder: only {len(rising)} of {len(record)} points are in order, "
+            "sort the file by time if it was shuffled"
         )
     most_s = (np.maximum.accumulate(record.time_ns) - record.time_ns).max() * NS
-    log.add(FindingKind.TIME_BACK, record, back, f"up to {most_s:.4g} s back")
-    record = record.take(~back)
+    log.add(FindingKind.TIME_BACK, record, np.delete(np.arange(len(record)), rising), f"up to {most_s:.4g} s back")
+    record = record.take(rising)
     if len(record) < 2:
         raise DasError(f"{record.source}: all points have one time, expected times that increase")
     return record

@@ -181,11 +181,10 @@ def _on_line(record: Record, line: Line | None, points: Points, section_m: float
             f"{MAX_CROSS_TRACK_M:.0f} m"
         )
     on = np.flatnonzero(~off)
-    outside = np.ones(len(points), dtype=bool)
-    outside[on[0] : on[-1] + 1] = False
-    away = points.aside_m[outside]
-    log.add(FindingKind.OFF_LINE, record, points.point[outside], f"up to {away.max():.0f} m away" if len(away) else "")
-    return points.take(~outside)
+    inside = slice(on[0], on[-1] + 1)
+    away, outside = np.delete(points.aside_m, inside), np.delete(points.point, inside)
+    log.add(FindingKind.OFF_LINE, record, outside, f"up to {away.max():.0f} m away" if len(away) else "")
+    return points.take(inside)
 
 
 def _frozen(record: Record, points: Points) -> Bools:
@@ -247,14 +246,8 @@ def _one_part(record: Record, points: Points, log: FindingLog) -> Points:
     beside = np.append(False, moving[:-1]) | np.append(moving[1:], False)
     breaks = np.flatnonzero((steps_s > LONGEST_GAP_S) & (beside | (steps_m > AT_PLATFORM_M))) + 1
     largest = max(np.split(np.arange(len(points)), breaks), key=len)
-    other = np.ones(len(points), dtype=bool)
-    other[largest] = False
-    log.add(
-        FindingKind.FAR_APART,
-        record,
-        points.point[other],
-        f"the train moved unseen for more than {LONGEST_GAP_S:.0f} s",
-    )
+    unseen = f"the train moved unseen for more than {LONGEST_GAP_S:.0f} s"
+    log.add(FindingKind.FAR_APART, record, np.delete(points.point, largest), unseen)
     return points.take(largest)
 
 
