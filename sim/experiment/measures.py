@@ -147,16 +147,14 @@ def lapses(driven: Driven) -> int | None:
 
 def _speed_errors(driven: Driven) -> list[float]:
     """Speed − shown speed (m/s) in each second in which the train moved and a speed to keep was shown."""
-    seen = ((look.speed_mps, look.shown) for _, look in driven.moving if look.shown is not None)
-    errors = (_speed_error(speed, view) for speed, view in seen)
-    return [error for error in errors if not math.isnan(error)]
-
-
-def _speed_error(speed_mps: float, view: AdviceView) -> float:
-    error, speed_is = speed_mps - view.shown_speed_mps, _speed_is(view)
-    if speed_is is SpeedIs.TO_REACH:
-        return math.nan
-    return max(error, 0.0) if speed_is is SpeedIs.HIGHEST else error
+    errors = []
+    for _, look in driven.moving:
+        if look.shown is None or (speed_is := _speed_is(look.shown)) is SpeedIs.TO_REACH:
+            continue
+        error = look.speed_mps - look.shown.shown_speed_mps
+        if not math.isnan(error):
+            errors.append(max(error, 0.0) if speed_is is SpeedIs.HIGHEST else error)
+    return errors
 
 
 def _speed_is(view: AdviceView) -> SpeedIs:
