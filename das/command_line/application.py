@@ -16,7 +16,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from inspect import Parameter, Signature
 from types import MappingProxyType
 from typing import Annotated, Any, get_type_hints
@@ -271,49 +271,36 @@ def with_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
     Two options with the same name are a programming error and raise TypeError.
     """
-    hints = get_type_hints(function, include_extras=True)
-    parameters: list[Parameter] = []
-    for parameter in inspect.signature(function).parameters.values():
-        if is_dataclass(hints[parameter.name]):
-            parameters += _options(hints[parameter.name])
-        else:
-            annotation = hints[parameter.name]
-            parameters.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation))
+    parameters = list(_options(function))
     names = [parameter.name for parameter in parameters]
     if len(set(names)) < len(names):
         raise TypeError(f"{function.__name__}: two of these options have the same name: {', '.join(names)}")
 
     def flat(**given: Any) -> Any:
-        return function(
-            **{
-                name: _gathered(hints[name], given) if is_dataclass(hints[name]) else given[name]
-                for name in inspect.signature(function).parameters
-            }
-        )
+        return _called(function, given)
 
     flat.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     flat.__name__, flat.__doc__, flat.__module__ = function.__name__, function.__doc__, function.__module__
     return flat
 
 
-def _options(group: type) -> Iterator[Parameter]:
-    """The options of a group and of the groups in it."""
-    hints = get_type_hints(group, include_extras=True)
-    for one in fields(group):
+def _options(taker: Callable[..., Any]) -> Iterator[Parameter]:
+    """The options that a function or a group takes, with those of the groups in it."""
+    hints = get_type_hints(taker, include_extras=True)
+    for one in inspect.signature(taker).parameters.values():
         if is_dataclass(hints[one.name]):
             yield from _options(hints[one.name])
         else:
-            default = Parameter.empty if one.default is MISSING else one.default
-            yield Parameter(one.name, Parameter.KEYWORD_ONLY, default=default, annotation=hints[one.name])
+            yield one.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[one.name])
 
 
-def _gathered(group: Any, given: Mapping[str, Any]) -> Any:
-    """The group made from the options that were given."""
-    hints = get_type_hints(group, include_extras=True)
-    return group(
+def _called(taker: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+    """The result of a function, or the group, made from the options that were given."""
+    hints = get_type_hints(taker, include_extras=True)
+    return taker(
         **{
-            field.name: _gathered(hints[field.name], given) if is_dataclass(hints[field.name]) else given[field.name]
-            for field in fields(group)
+            name: _called(hints[name], given) if is_dataclass(hints[name]) else given[name]
+            for name in inspect.signature(taker).parameters
         }
     )
 
