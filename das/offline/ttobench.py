@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -39,7 +38,9 @@ def read_train(path: Path) -> Vehicle:
         _efficiency(fields, "efficiency traction"),
         _efficiency(fields, "efficiency reg brake") if has_electric_brake else 1.0,
     )
-    areas, coefficients = _tunnel_resistance(fields)
+    columns = ("cross section", "area"), ("coefficient", "resistance_2")
+    tunnels = _rows(fields, "tunnel resistance", *columns) if fields.has("tunnel resistance") else []
+    areas, coefficients = check_tunnel_resistance(fields, tunnels)
     vehicle = Vehicle(
         id=_identity(fields),
         name=_identity(fields),
@@ -113,6 +114,8 @@ _TIMING = {
 """Columns of a journey's timing points with their dimensions."""
 _OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
 """The number that null (an open bound) stands for in each of the timing columns; None: null is refused."""
+_OPEN_COLUMNS = ("radius at start", "radius at end", *list(_TIMING)[1:])
+"""Columns whose values may be infinite: the radius of a straight track, the end of an open window."""
 
 
 def read_journey(path: Path) -> Journey:
@@ -157,7 +160,8 @@ def _identity(fields: Fields) -> str:
     return fields.table("metadata").text("id", fields.source.stem) if fields.has("metadata") else fields.source.stem
 
 
-def _unit(fields: Fields, key: str, unit: object, dimension: str) -> str:
+def _unit(fields: Fields, key: str, dimension: str) -> str:
+    unit = fields.data.get(key, MISSING)
     if not isinstance(unit, str) or unit not in FACTORS[dimension]:
         known = ", ".join(u for u in FACTORS[dimension] if not u.isidentifier() or len(u) < 3)
         raise fields.error(key, unit, f"a unit of {dimension.replace('_', ' ')}, one of {known}")
@@ -171,7 +175,7 @@ def _quantity(fields: Fields, key: str, dimension: str, default: float | None = 
             raise fields.error(key, MISSING, '{"unit": …, "value": …}')
         return default
     entry = fields.table(key)
-    unit = _unit(entry, "unit", entry.data.get("unit", MISSING), dimension)
+    unit = _unit(entry, "unit", dimension)
     value = entry.data.get("value", MISSING)
     unbounded = dimension == "acceleration"  # acceleration limited only by the train's forces
     return in_si(fields.source, f"{entry.prefix}value", value, (unit, dimension), unbounded=unbounded)
@@ -186,7 +190,7 @@ def _efficiency(fields: Fields, key: str) -> float:
 
 def _stop_positions(fields: Fields) -> list[float]:
     table = fields.table("stops")
-    unit = _unit(table, "unit", table.data.get("unit", MISSING), "length")
+    unit = _unit(table, "unit", "length")
     values = table.data.get("values", MISSING)
     if not isinstance(values, list) or len(values) < 2:
         raise table.error("values", values, "at least two positions")
@@ -203,40 +207,22 @@ def _rows(
     """
     table = fields.table(key)
     units_table = table.table("units")
-    units = [_unit(units_table, name, units_table.data.get(name, MISSING), dimension) for name, dimension in columns]
-    values = table.rows("values", "a list of rows")
-    missing = missing or (None,) * len(columns)
-    return [_row(fields, f"{key}.values[{i}]", row, columns, units, missing) for i, row in enumerate(values)]
-
-
-_OPEN_COLUMNS = ("radius at start", "radius at end", *list(_TIMING)[1:])
-"""Columns whose values may be infinite: the radius of a straight track, the end of an open window."""
-
-
-def _row(
-    fields: Fields,
-    key: str,
-    row: Any,
-    columns: tuple[tuple[str, str], ...],
-    units: list[str],
-    missing: tuple[float | None, ...],
-) -> list[float]:
-    if not isinstance(row, list) or len(row) != len(columns):
-        raise fields.error(key, row, f"{len(columns)} numbers: {', '.join(name for name, _ in columns)}")
-    cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
-    cells = [default if cell is None else cell for cell, default in zip(cells, missing, strict=True)]
-    return [
-        in_si(fields.source, f"{key}.{name}", cell, (unit, dimension), unbounded=name in _OPEN_COLUMNS)
-        for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)
-    ]
+    units = [_unit(units_table, name, dimension) for name, dimension in columns]
+    missing, found = missing or (None,) * len(columns), []
+    for i, row in enumerate(table.rows("values", "a list of rows")):
+        place = f"{key}.values[{i}]"
+        if not isinstance(row, list) or len(row) != len(columns):
+            raise fields.error(place, row, f"{len(columns)} numbers: {', '.join(name for name, _ in columns)}")
+        cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
+        cells = [default if cell is None else cell for cell, default in zip(cells, missing, strict=True)]
+        found.append(
+            [
+                in_si(fields.source, f"{place}.{name}", cell, (unit, dimension), unbounded=name in _OPEN_COLUMNS)
+                for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)
+            ]
+        )
+    return found
 
 
 def _stretches(rows: list[list[float]]) -> Stretches:
     return Stretches(start_m=np.array([row[0] for row in rows]), value=np.array([row[1] for row in rows]))
-
-
-def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    if not fields.has("tunnel resistance"):
-        return (), ()
-    rows = _rows(fields, "tunnel resistance", ("cross section", "area"), ("coefficient", "resistance_2"))
-    return check_tunnel_resistance(fields, rows)

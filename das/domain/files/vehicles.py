@@ -71,7 +71,7 @@ def _mode(fields: Fields, every: EffortEnvelope | None, electric: EffortEnvelope
         traction=every,
         electric_brake=electric,
         voltage_v=fields.quantity("voltage", "voltage") if fields.given_keys("voltage", "voltage") else None,
-        weather=fields.name("weather", "") if fields.has("weather") else "",
+        weather=fields.name("weather", ""),
     )
 
 
@@ -206,7 +206,8 @@ def _lossless(fields: Fields, insist: str) -> Vehicle:
     modes, mode, efforts = _read_efforts(fields, max_speed_mps)
     friction_n = _alone(fields, "friction_brake", ("max_force", "force"), 0.0)
     loads = fields.optional_table("loads")
-    areas, coefficients = _tunnel_resistance(fields)
+    tunnels = fields.optional_rows("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
+    areas, coefficients = check_tunnel_resistance(fields, tunnels)
     vehicle = Vehicle(
         id=main.name("id"),
         name=main.name("name"),
@@ -243,11 +244,6 @@ def _alone(fields: Fields, key: str, quantity: tuple[str, str], default: float, 
     table = fields.table(key)
     table.check_keys(["source", *table.quantity_keys(dict([quantity]))])
     return table.quantity(*quantity, unbounded=unbounded)
-
-
-def _tunnel_resistance(fields: Fields) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    rows = fields.optional_rows("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
-    return check_tunnel_resistance(fields, rows)
 
 
 def _brake_policy(fields: Fields, friction_n: float, *, has_electric: bool) -> BrakePolicy:
