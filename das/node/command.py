@@ -27,7 +27,9 @@ from das.command_line.options import (
     WithParentOption,
     listen_option,
 )
+from das.command_line.printing import typed
 from das.domain.braking import REACTION_S
+from das.domain.errors import DasError
 
 FASTEST_HZ, SLOWEST_HZ = 5.0, 0.2
 """The bounds of `--rate`, the rate of advice (Hz)."""
@@ -77,9 +79,33 @@ class NodePlace(BusPlace):
 
 
 @dataclass(frozen=True, kw_only=True)
-class GuideGiven:
-    """Whether the driver is led by the guide, and how drivers brake."""
+class AdviceGiven:
+    """Options of the node's advice: when it advises, whether the guide leads the driver, and how drivers brake."""
 
+    rate: Annotated[
+        float,
+        typer.Option(
+            "--rate",
+            metavar="HZ",
+            help=f"Rate of advice (Hz) with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
+            "bus clock, the expected rate of Control messages.",
+        ),
+    ] = 1.0
+    clock: Annotated[
+        ClockKind,
+        typer.Option("--clock", help="wall: advise at --rate; bus: advise at every Control message of a simulation."),
+    ] = ClockKind.WALL
+    calibrate: Annotated[
+        bool,
+        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
+    ] = False
+    no_restrictions: Annotated[
+        bool,
+        typer.Option(
+            "--no-restrictions",
+            help="Advise without waiting for a list of temporary restrictions, at a site that has none.",
+        ),
+    ] = False
     guide: Annotated[
         bool,
         typer.Option(
@@ -113,37 +139,6 @@ class GuideGiven:
         float,
         typer.Option("--below-limit", metavar="KM/H", min=0.0, max=20.0, help="Margin of plans below every limit."),
     ] = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AdviceGiven:
-    """Options of the node's advice."""
-
-    rate: Annotated[
-        float,
-        typer.Option(
-            "--rate",
-            metavar="HZ",
-            help=f"Rate of advice (Hz) with the wall clock, {SLOWEST_HZ:g} to {FASTEST_HZ:g}; with the "
-            "bus clock, the expected rate of Control messages.",
-        ),
-    ] = 1.0
-    clock: Annotated[
-        ClockKind,
-        typer.Option("--clock", help="wall: advise at --rate; bus: advise at every Control message of a simulation."),
-    ] = ClockKind.WALL
-    calibrate: Annotated[
-        bool,
-        typer.Option("--calibrate", help="Estimate mass and resistance from the measured efforts, and plan with them."),
-    ] = False
-    no_restrictions: Annotated[
-        bool,
-        typer.Option(
-            "--no-restrictions",
-            help="Advise without waiting for a list of temporary restrictions, at a site that has none.",
-        ),
-    ] = False
-    led: GuideGiven
     tables: TablesOption = None
     with_parent: WithParentOption = None
 
@@ -171,8 +166,6 @@ def advise(options: NodeOptions) -> None:
 
     The node advises only after it has received a list of the temporary restrictions in force, even an empty one.
     """
-    from das.domain.errors import DasError
-
     if not SLOWEST_HZ <= options.advice.rate <= FASTEST_HZ:
         raise DasError(f"--rate {options.advice.rate:g}: expected {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz")
     imported("das.node.process:serve")(options)
@@ -193,8 +186,6 @@ def tls_init(
     """
     from das.bus.access import LISTENERS, write_bus_folder
     from das.bus.topics import check_train_name
-    from das.command_line.printing import typed
-    from das.domain.errors import DasError
 
     if not days > 0:
         raise DasError(f"--days {days:g}: expected more than 0")

@@ -62,7 +62,7 @@ def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files named in the options. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
     by_wall = advice.clock is ClockKind.WALL
-    if advice.tables is not None and not advice.led.guide:
+    if advice.tables is not None and not advice.guide:
         raise DasError(f"--tables {advice.tables}: tables have the guide's departures: expected no --no-guide")
     route = load_route(line.route)
     route = route.reversed() if line.reverse else route
@@ -82,9 +82,9 @@ def plan_cab(options: NodeOptions) -> CabPlan:
             level=driven.level,
             point_mass=driven.point_mass,
             braking=SiteBraking(
-                deceleration_mps2=advice.led.planning_brake,
-                reaction_s=advice.led.reaction,
-                below_limit_mps=advice.led.below_limit * KMH,
+                deceleration_mps2=advice.planning_brake,
+                reaction_s=advice.reaction,
+                below_limit_mps=advice.below_limit * KMH,
             ),
         ),
         fronts=Fronts(advice.tables),
@@ -93,7 +93,7 @@ def plan_cab(options: NodeOptions) -> CabPlan:
             no_restrictions=advice.no_restrictions,
             calibrate=advice.calibrate,
             background=by_wall,
-            guide=advice.led.guide,
+            guide=advice.guide,
             stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
         ),
         stops_m=[x.position_m for x in route.stops if start.position_m <= x.position_m <= end.position_m],

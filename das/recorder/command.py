@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from das.command_line.application import imported, run_command, single_command
+from das.command_line.application import imported, run_app, single_command
 from das.command_line.options import RECORDER_ENDPOINT, BusPlace, WithParentOption, listen_option
 
 
@@ -21,9 +20,10 @@ class RecorderPlace(BusPlace):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FileMade:
-    """The file to record into, and its contents besides messages."""
+class RecorderOptions:
+    """All options of das-record: its place on the bus, the file to record into and its contents besides messages."""
 
+    place: RecorderPlace
     out: Annotated[
         Path | None,
         typer.Option(
@@ -42,14 +42,6 @@ class FileMade:
         list[Path] | None,
         typer.Option("--attach", metavar="FILE", help="File to attach to the recording (may be repeated)."),
     ] = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecorderOptions:
-    """All options of das-record."""
-
-    place: RecorderPlace
-    made: FileMade
     start_ns: Annotated[
         int | None,
         typer.Option(
@@ -76,7 +68,6 @@ def record(options: RecorderOptions) -> None:
     imported("das.recorder.process:record")(options)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point of das-record; `arguments` replace those of the command line."""
-    command = single_command("das-record", record, EXAMPLES)
-    run_command(lambda: command(args=arguments, standalone_mode=False, prog_name="das-record"))
+def main() -> None:
+    """Entry point of das-record."""
+    run_app(single_command("das-record", record, EXAMPLES), "das-record")

@@ -19,7 +19,7 @@ from das.command_line.process import StopFlag
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import new_file
-from das.recorder.command import FileMade, RecorderOptions
+from das.recorder.command import RecorderOptions
 
 MOST_WAITING = 20_000
 """Largest number of messages that may wait while the disk is slow; of more, the oldest are lost and counted."""
@@ -67,7 +67,7 @@ class LifeSigns:
 def record(options: RecorderOptions) -> None:
     """Record until asked to stop. Raises DasError for unusable options and if the file cannot be written."""
     bus, where = _bus(options)
-    out = options.made.out or Path(f"{options.place.train}.mcap")
+    out = options.out or Path(f"{options.place.train}.mcap")
     try:
         _record(options, bus, where, out, StopFlag(with_parent=options.with_parent))
     except OSError as error:
@@ -87,9 +87,9 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
 
 
 def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: StopFlag) -> None:
-    attachments = [(path, _content(path)) for path in options.made.attach or ()]
+    attachments = [(path, _content(path)) for path in options.attach or ()]
     metadata = _metadata(options)
-    file = RecordingFile(_place(out, options.made))
+    file = RecordingFile(_place(out, options))
     # A program that starts a recorder reports to the user itself.
     signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
     try:
@@ -118,9 +118,9 @@ def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: St
     signs.say(f"{file.messages} messages in {file.path}")
 
 
-def _place(path: Path, made: FileMade) -> Path:
+def _place(path: Path, options: RecorderOptions) -> Path:
     """The file to record into: a recorder that is restarted keeps the earlier recording and takes a new name."""
-    if made.overwrite or (path.exists() and not path.is_file()):
+    if options.overwrite or (path.exists() and not path.is_file()):
         return path
     free = new_file(path, MAGIC)
     if free != path:
@@ -137,10 +137,10 @@ def _content(path: Path) -> bytes:
 
 def _metadata(options: RecorderOptions) -> dict[str, str]:
     """The metadata that the user gave; by default the kind (session), this version and the train."""
-    if options.made.metadata is None:
+    if options.metadata is None:
         return {"kind": "session", "version": __version__, "train": options.place.train}
     try:
-        found = json.loads(options.made.metadata)
+        found = json.loads(options.metadata)
     except ValueError as error:
         raise DasError(f"--metadata: not valid JSON ({error})") from error
     if not isinstance(found, dict) or not all(isinstance(value, str) for value in found.values()):

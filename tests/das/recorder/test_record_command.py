@@ -106,10 +106,16 @@ def test_a_file_that_cannot_be_written_is_named() -> None:
     ],
 )
 def test_bad_arguments_end_in_one_line_and_nothing_is_written(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    given = ["--listen", endpoint(free_ports(1)[0]), "--out", str(tmp_path / "run.mcap"), *arguments]
+    monkeypatch.setattr(sys, "argv", ["das-record", *given])
     with pytest.raises(SystemExit) as ended:
-        main(["--listen", endpoint(free_ports(1)[0]), "--out", str(tmp_path / "run.mcap"), *arguments])
+        main()
     assert ended.value.code == 2
     said = capsys.readouterr().err
     assert said.startswith(message)
