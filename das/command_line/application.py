@@ -305,7 +305,7 @@ def _called(taker: Callable[..., Any], given: Mapping[str, Any]) -> Any:
     )
 
 
-def run_app(app: TyperGroup | TyperCommand | typer.Typer, name: str | None = None) -> None:
+def run_app(app: TyperGroup | TyperCommand, name: str) -> None:
     """Run a program; see `run_command`. A mistyped option ends in one line as well.
 
     `name` is the word with which the user starts the program; its own help uses it.

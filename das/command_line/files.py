@@ -103,7 +103,7 @@ def check_picture(path: Path | None) -> None:
         raise DasError(f"{path}: expected a file name that ends in {', '.join(PICTURES[:-1])} or {PICTURES[-1]}")
 
 
-def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> None:
+def save_figure(path: Path, figure: Any) -> None:
     """Write a matplotlib figure in the format that the suffix of `path` names.
 
     The same figure gives the same bytes. Raises DasError for another suffix, or if the file cannot be written.
@@ -115,5 +115,5 @@ def save_figure(path: Path, figure: Any, *, dpi: int = 120, **settings: Any) -> 
     from matplotlib import rc_context
 
     with rc_context({"svg.hashsalt": "das"}):  # names the parts of an SVG, which have random names otherwise
-        figure.savefig(content, format=kind, dpi=dpi, metadata=dated, **settings)
+        figure.savefig(content, format=kind, dpi=120, metadata=dated)
     write_whole(path, content.getvalue())

@@ -60,7 +60,7 @@ def start_beside(module: str) -> None:
         atexit.register(child.kill)
 
 
-def keep_bytecode(folder: Path = BYTECODE) -> None:
+def keep_bytecode() -> None:
     """Keep bytecode in a folder of our own if Python was told to write none next to its sources.
 
     With PYTHONDONTWRITEBYTECODE, which containers often set, every start would compile the sources of numpy and numba
@@ -70,9 +70,9 @@ def keep_bytecode(folder: Path = BYTECODE) -> None:
     if not sys.dont_write_bytecode or sys.pycache_prefix is not None or _has_bytecode():
         return
     with contextlib.suppress(OSError):
-        folder.mkdir(parents=True, exist_ok=True)
-    if folder.is_dir() and os.access(folder, os.W_OK):
-        sys.pycache_prefix, sys.dont_write_bytecode = str(folder), False
+        BYTECODE.mkdir(parents=True, exist_ok=True)
+    if BYTECODE.is_dir() and os.access(BYTECODE, os.W_OK):
+        sys.pycache_prefix, sys.dont_write_bytecode = str(BYTECODE), False
 
 
 def _has_bytecode() -> bool:
