@@ -38,8 +38,6 @@ class Situation:
 
         Their time windows are removed. If the time is unknown, all restrictions count.
         """
-        if not self.restrictions:
-            return self
         counting = tuple(one.unlimited for one in self.restrictions if not now_ns or one.counts_at(now_ns))
         return self if counting == self.restrictions else replace(self, restrictions=counting)
 
@@ -48,8 +46,6 @@ class Situation:
 
         A restriction counts until the tail of the train has left it.
         """
-        if not self.restrictions:
-            return self
         length_m = 0.0 if self.point_mass else self.vehicle.train_length_m
         met = (one for one in self.restrictions if one.is_under(start_m, end_m, length_m))
         return replace(self, restrictions=tuple(sorted(met)))
