@@ -10,7 +10,7 @@ from .domain.errors import InputError as InputError
 from .domain.files.load import load_journey as load_journey
 from .domain.files.load import load_route as load_route
 from .domain.files.load import load_vehicle as load_vehicle
-from .domain.losses import Level as Level
+from .domain.levels import Level as Level
 from .domain.restriction import Restriction as Restriction
 from .domain.route import Route as Route
 from .domain.trajectory import EnergyBalance as EnergyBalance

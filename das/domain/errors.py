@@ -46,11 +46,8 @@ class InputError(DasError):
         super().__init__(f"{source}: {shortened(key, MOST_OF_A_VALUE)}{shown}: expected {expected}")
 
 
-class _Missing:
-    """The type of `MISSING`, which represents the value of a missing key; None remains a valid value."""
-
-
-MISSING = _Missing()
+MISSING: Final = object()
+"""The value of a missing key; None remains a valid value."""
 
 
 class InfeasibleError(DasError):

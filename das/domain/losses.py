@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from das.domain.errors import DasError, InputError
 from das.domain.formulary import efficiency_loss_ratio, proportional_loss_w
-from das.domain.levels import Level as Level  # noqa: PLC0414 (other modules import it from here)
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]

@@ -204,8 +204,6 @@ class Vehicle(Summary):
     def brake_effort_n(self, speed_mps: ArrayLike) -> Floats:
         """Largest force of both brakes together (N, >= 0); at most the adhesion of all axles if that is a limit."""
         both = self.electric_brake_effort_n(speed_mps) + self.friction_brake_force_n
-        if np.isinf(self.adhesive_mass_kg):
-            return both
         return np.asarray(np.minimum(both, self.braked_adhesive_force_n * adhesion_coefficient(speed_mps)))
 
     @property
