@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import Any, Final, TypeVar
 
@@ -100,9 +101,8 @@ class Received:
 
 def decoded(topic: Topic, key: str, payload: bytes, source: str = "") -> Received:
     """The received message of a topic from its payload."""
-    message: Message | None = topic.message()
     try:
-        message.ParseFromString(payload)  # type: ignore[union-attr]
+        message: Message | None = topic.message.FromString(payload)
     except DecodeError:
         message = None
     return Received(topic, key, message, source, len(payload))
@@ -134,8 +134,6 @@ def valid_restrictions(messages: Iterable[Any]) -> tuple[Restriction, ...]:
     """The restrictions of a recorded list; entries that no node accepts as a restriction are left out."""
     found = []
     for message in messages:
-        try:
+        with suppress(InputError):
             found.append(decode_restriction(message, Restriction))
-        except InputError:
-            continue
     return tuple(found)

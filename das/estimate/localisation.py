@@ -143,9 +143,7 @@ class ClockSteps:
         if len(self._spans_s) < RATE_FIXES:
             return None
         usual_s = statistics.median(self._spans_s)
-        odd = 0
-        for span_s in self._spans_s:
-            odd += abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > JITTER_S
+        odd = sum(abs(span_s - max(round(span_s / usual_s), 1) * usual_s) > JITTER_S for span_s in self._spans_s)
         return usual_s if odd <= ODD_FIXES else None
 
     def _step_s(self, since_s: float, fix: PositionFix, x: Track, span_s: float) -> float:

@@ -138,7 +138,7 @@ class Journey(Summary):
         """
         first, *inner, last = stops
         calls = [Call(name=x.name, position_m=x.position_m, dwell_s=dwell_s) for x in inner]
-        start = Call(name=first.name, position_m=first.position_m, departure=Window(earliest_s=0.0, latest_s=0.0))
+        start = Call(name=first.name, position_m=first.position_m, departure=Window.at(0.0))
         end = Call(name=last.name, position_m=last.position_m, arrival=Window(latest_s=time_s))
         name = f"{first.name} – {last.name}, all stops"
         return cls(id="stops", name=name, source="stops", points=(start, *calls, end))

@@ -254,7 +254,7 @@ class Timeline:
     @classmethod
     def of(cls, sections: Sequence[JourneySection]) -> Timeline:
         begin_s, end_s = sections[0].start.departure.earliest_s, sections[-1].end.arrival.latest_s
-        events = [TimelineEvent(what="the earliest departure", window=Window(earliest_s=begin_s, latest_s=begin_s))]
+        events = [TimelineEvent(what="the earliest departure", window=Window.at(begin_s))]
         links: list[WaitLink | DriveLink] = []
         departures = []
         for i, section in enumerate(sections):
@@ -265,7 +265,7 @@ class Timeline:
             events.append(TimelineEvent(what=f"arrival at {section.end.name}", window=section.end.arrival))
             links += [DriveLink(i, place) for place in range(len(section.places) - 1)]
         links.append(WaitLink(0.0))
-        events.append(TimelineEvent(what="the latest arrival", window=Window(earliest_s=end_s, latest_s=end_s)))
+        events.append(TimelineEvent(what="the latest arrival", window=Window.at(end_s)))
         return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
 
     def is_passing(self, event: int) -> bool:

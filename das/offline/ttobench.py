@@ -13,7 +13,7 @@ from das.domain.errors import MISSING
 from das.domain.files.reading import Fields, in_si, read_json, train_length_m
 from das.domain.files.routes import curvature_stretches
 from das.domain.files.vehicles import check_tunnel_resistance
-from das.domain.journey import Window
+from das.domain.journey import ANY_TIME, Window
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.plausibility import checked
@@ -150,8 +150,7 @@ def _timing_point(fields: Fields, rows: list[list[float]], *, first: bool, last:
     if first or last:
         if len(rows) > 1:
             raise fields.error(key, "2 rows", "one row at an end of the journey")
-        open_end = Window()
-        arrival, departure = (open_end, windows[0]) if first else (windows[0], open_end)
+        arrival, departure = (ANY_TIME, windows[0]) if first else (windows[0], ANY_TIME)
         return Call(name=name, position_m=position_m, arrival=arrival, departure=departure)
     return Call(name=name, position_m=position_m, arrival=windows[0], departure=windows[-1])
 
