@@ -113,14 +113,10 @@ class Restriction:
 
     def words_in(self, zone: tzinfo) -> str:
         """The restriction as text, with times of day in a time zone."""
-        place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
-        return f"{self.limit_mps / KMH:.4g} km/h, {place}{self.window_words(zone)}"
-
-    def window_words(self, zone: tzinfo = UTC) -> str:
-        """The window as text, for example " from 08:10:00 until 08:20:00 UTC"; empty if both ends are open."""
         ends = (("from", self.valid_from_ns), ("until", self.valid_until_ns))
-        said = [f" {word} {_clock(moment_ns, zone)}" for word, moment_ns in ends if moment_ns]
-        return f"{''.join(said)} {zone}" if said else ""
+        window = "".join(f" {word} {_clock(moment_ns, zone)}" for word, moment_ns in ends if moment_ns)
+        place = f"km {self.start_m / KM:.2f} to {self.end_m / KM:.2f}"
+        return f"{self.limit_mps / KMH:.4g} km/h, {place}{window}{f' {zone}' if window else ''}"
 
 
 def _clock(moment_ns: int, zone: tzinfo) -> str:

@@ -116,6 +116,6 @@ def test_it_is_under_a_train_until_the_tail_has_left() -> None:
 
 
 def test_the_window_is_told_in_times_of_day() -> None:
-    assert WINDOW.window_words() == " from 08:00:00 until 09:00:00 UTC"
-    assert Restriction(1.0, 2.0, 3.0, 0, UNTIL_NS).window_words() == " until 09:00:00 UTC"
-    assert ALWAYS.window_words() == ""
+    assert WINDOW.words.endswith(" from 08:00:00 until 09:00:00 UTC")
+    assert Restriction(1.0, 2.0, 3.0, 0, UNTIL_NS).words == "10.8 km/h, km 0.00 to 0.00 until 09:00:00 UTC"
+    assert ALWAYS.words == "36 km/h, km 1.00 to 2.00"

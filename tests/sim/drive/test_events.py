@@ -160,8 +160,9 @@ def test_the_window_of_a_restriction_is_told_with_its_begin_and_end() -> None:
     assert [(one.text.split(":")[0], one.time_ns) for one in events] == [
         ("restriction received", at_ns(20)), ("restriction begins", at_ns(60)), ("restriction ends", at_ns(100)),
     ]  # fmt: skip
-    place = "18 km/h, km 0.90 to 0.95" + decode_restriction(one, Restriction).window_words()
-    assert all(event.text.endswith(place) for event in events)
+    told = decode_restriction(one, Restriction).words
+    assert told.startswith("18 km/h, km 0.90 to 0.95 from ")
+    assert all(event.text.endswith(told) for event in events)
 
 
 def test_withdrawn_advice_has_its_cause_and_its_length() -> None:
