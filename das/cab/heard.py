@@ -130,16 +130,11 @@ class TargetsHeard(StateHeard):
 class Unreadable(Heard):
     """A message that could not be read.
 
-    `told` is the kind of message that its topic carries, `why` is the error (empty: the message has another type).
+    `kind` is the kind of message that its topic carries, `why` is the error (empty: the message has another type).
     """
 
-    told: Kind
+    kind: Kind  # type: ignore[misc]
     why: str = ""
-
-    @property
-    def kind(self) -> Kind:  # type: ignore[override]
-        """The kind of message that could not be read."""
-        return self.told
 
 
 @dataclass(frozen=True, kw_only=True)
