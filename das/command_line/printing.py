@@ -136,14 +136,9 @@ def warn(text: str) -> None:
     print(f"warning: {one_line(text)}", file=sys.stderr)
 
 
-@contextlib.contextmanager
-def busy(what: str) -> Iterator[None]:
-    """Show on a terminal that something is under way; print nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    with error_console().status(what):
-        yield
+def busy(what: str) -> contextlib.AbstractContextManager[object]:
+    """A block in which a terminal shows that something is under way; elsewhere nothing is printed."""
+    return error_console().status(what) if sys.stderr.isatty() else contextlib.nullcontext()
 
 
 def say(text: str) -> None:

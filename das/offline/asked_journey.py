@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.reading import Fields, read_toml
+from das.domain.files.reading import Fields
 from das.domain.files.routes import MOST_STOPS, SCHEMA_VERSION
 from das.domain.journey import ANY_TIME, Window
 from das.domain.route import POSITION_TOLERANCE_M, Route, Stop
@@ -233,16 +233,11 @@ def bound_of_window(source: Path, key: str, time_s: float) -> float:
     return time_s
 
 
-def read_journey(path: Path, route: Route | None) -> Journey:
-    """Read a journey on a route; raises DasError or InputError (file, key, value, expectation) if it is unusable.
-
-    Without a route, all points must state their positions.
-    """
-    return journey_of(read_toml(path), route)
-
-
 def journey_of(fields: Fields, route: Route | None) -> Journey:
-    """The journey described by the fields of a file; errors as in `read_journey`."""
+    """The journey on a route that the fields of a file describe; without a route, all points must state positions.
+
+    Raises DasError or InputError (file, key, value, expectation) if it is unusable.
+    """
     fields.check_schema_version(SCHEMA_VERSION)
     fields.check_keys(["schema_version", "journey", "stops", "passings"])
     main = fields.table("journey")

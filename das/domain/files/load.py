@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from das.domain.errors import DasError, InputError
 from das.domain.files import routes, vehicles
+from das.domain.files.reading import read_toml
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 
@@ -153,7 +154,7 @@ def load_journey(name_or_path: str | Path, route: Route | None) -> Journey:
 
     path = locate_journey(name_or_path)
     json = path.suffix.lower() == ".json"
-    journey = _ttobench().read_journey(path) if json else asked_journey.read_journey(path, route)
+    journey = _ttobench().read_journey(path) if json else asked_journey.journey_of(read_toml(path), route)
     if route is not None:
         journey.check_on(route)
     return journey

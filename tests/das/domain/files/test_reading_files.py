@@ -18,7 +18,7 @@ from das.domain.files.reading import MOST_BYTES, MOST_ROWS, read_text, read_toml
 from das.domain.files.routes import MOST_POINTS, MOST_STOPS, read_route
 from das.domain.files.vehicles import read_loss_map, read_vehicle
 from das.offline import ttobench
-from das.offline.asked_journey import read_journey
+from das.offline.asked_journey import journey_of
 from tests.das.domain.files.refusing import Read, refused
 from tests.das.domain.files.test_routes import ROUTE
 from tests.das.domain.files.test_vehicles import VEHICLE
@@ -165,7 +165,7 @@ def test_mutated_files_are_read_or_refused_in_one_line(tmp_path: Path) -> None:
     readers: list[tuple[Read, Path]] = [
         (read_vehicle, small),
         (read_route, line),
-        (lambda path: read_journey(path, route), catalogue("journeys")["zurich-luzern"]),
+        (lambda path: journey_of(read_toml(path), route), catalogue("journeys")["zurich-luzern"]),
     ]
     path = tmp_path / "mutated.toml"
     found = {"read": 0, "refused": 0}
