@@ -135,20 +135,13 @@ def report(
     """Write a report on recorded drives: one page for an instructor, then figures, pictures and events."""
     parts = tuple(show or (ReportPart.WORDS,))
     whole = as_json or any(path is not None for path in written.paths)
-    if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
-        raise DasError("--kind, --from and --to select events: expected --show events or --show bookmarks as well")
-    if table is not None and len(files) < 2:
-        raise DasError("--table: expected two or more recordings, to compare the others with the first")
+    _check_asked(files, parts, listed, table)
     if whole:
         check_packages("view", "jinja2", "matplotlib")
     written.check(files, table, overwrite=overwrite)
     noted.add(files)
     if not whole and len(files) == 1 and not {ReportPart.WORDS, ReportPart.ENERGY} & {*parts}:
-        from sim.drive.drive import Drive
-
-        with busy(f"reading {files[0]} …"):
-            drive = Drive.read(files[0])
-        _print_parts(drive, parts, listed)
+        _print_listed(files[0], parts, listed)
         return
     with loading_solver():
         from sim.drive.comparison import compared
@@ -160,12 +153,7 @@ def report(
 
         written.write(lambda: page(subjects, aligned, not_compared))
     if table is not None:
-        from das.domain.files.writing import write_whole
-        from sim.drive.comparison import as_csv
-
-        if aligned is None:
-            raise DasError(f"--table: {not_compared}")
-        write_whole(table, as_csv(aligned))
+        _write_csv(table, aligned, not_compared)
     if as_json:
         print(json.dumps(as_dict(subjects, aligned, not_compared)))
         return
@@ -187,6 +175,21 @@ def _read(files: Sequence[Path], *, whole: bool) -> tuple[list[Drive], list[Revi
     return [one.drive for one in subjects], subjects
 
 
+def _check_asked(files: Sequence[Path], parts: Sequence[ReportPart], listed: ListedEvents, table: Path | None) -> None:
+    if listed.given and not {ReportPart.EVENTS, ReportPart.BOOKMARKS} & {*parts}:
+        raise DasError("--kind, --from and --to select events: expected --show events or --show bookmarks as well")
+    if table is not None and len(files) < 2:
+        raise DasError("--table: expected two or more recordings, to compare the others with the first")
+
+
+def _print_listed(file: Path, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
+    from sim.drive.drive import Drive
+
+    with busy(f"reading {file} …"):
+        drive = Drive.read(file)
+    _print_parts(drive, parts, listed)
+
+
 def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents) -> None:
     for part in parts:
         if part is ReportPart.WORDS:
@@ -199,6 +202,15 @@ def _print_parts(drive: Drive, parts: Sequence[ReportPart], listed: ListedEvents
             _print_energy(drive)
         else:
             _print_events(drive, listed.filter(drive, bookmarks=part is ReportPart.BOOKMARKS))
+
+
+def _write_csv(path: Path, aligned: AlignedDrives | None, not_compared: str) -> None:
+    from das.domain.files.writing import write_whole
+    from sim.drive.comparison import as_csv
+
+    if aligned is None:
+        raise DasError(f"--table: {not_compared}")
+    write_whole(path, as_csv(aligned))
 
 
 def _print_events(drive: Drive, wanted: Filter) -> None:
