@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +14,7 @@ import pytest
 
 from das.domain.errors import DasError
 from precompute.pdf import browser
-from tests.support.making import REPOSITORY
+from tests.support.making import REPOSITORY, started
 from tests.support.needs import missing
 
 FLAT_DAY: Final = REPOSITORY / "sim" / "experiment" / "studies" / "days" / "flat-6km.toml"
@@ -166,11 +165,7 @@ def desk_command(
     folder: Path, *arguments: str, command: tuple[str, ...] = ("desk",)
 ) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`das-sim desk`, or another command with a page, started as by a user, and the address that it prints."""
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", *command, *arguments, "--no-open"], cwd=folder, text=True,
-        env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+    child = started("-m", "sim.cli", *command, *arguments, "--no-open", cwd=folder, stdout=subprocess.PIPE)
     try:
         assert child.stdout is not None
         address = child.stdout.readline().strip()

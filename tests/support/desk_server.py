@@ -8,11 +8,12 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from functools import partial
 from typing import Any
 from unittest.mock import patch
 
+import uvicorn
 from google.protobuf.message import Message
 from websockets.sync.client import ClientConnection, connect
 
@@ -134,6 +135,18 @@ def say(socket: ClientConnection, kind: str, **fields: Any) -> None:
 
 
 @contextmanager
+def serving(server: uvicorn.Server, run: Callable[[], object]) -> Iterator[None]:
+    """A server that another thread runs, until the end of the block."""
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        server.should_exit = True
+        thread.join(WAITS_S)
+
+
+@contextmanager
 def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]:
     """A server of a made-up run, by default on a flat line of 6 km."""
     door = listening(0)
@@ -144,14 +157,9 @@ def desk_server(line: Line | None = None) -> Iterator[tuple[Visitor, MadeUpBus]]
         until(lambda: desk.peer.joined, "the made-up bus")
         MadeUpBus.latest.peer = desk.peer
         server = server_of(desk.routes(), door.getsockname()[1], TOKEN)
-        thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)
-        thread.start()
-        try:
+        with door, closing(loop), serving(server, lambda: loop.run_until_complete(server.serve(sockets=[door]))):
             stall = partial(loop.call_soon_threadsafe, time.sleep)
-            yield Visitor(door.getsockname()[1], stall), MadeUpBus.latest
-        finally:
-            desk.peer.close()
-            server.should_exit = True
-            thread.join(WAITS_S)
-            loop.close()
-            door.close()
+            try:
+                yield Visitor(door.getsockname()[1], stall), MadeUpBus.latest
+            finally:
+                desk.peer.close()

@@ -13,54 +13,18 @@ from typing import Final
 import numpy as np
 
 from das.domain.earth import MEAN_RADIUS_M
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.route import Floats, Route
 from das.domain.units import KM, KMH
 from das.domain.vehicle import Vehicle
-from sim.drivers.cab import AT_STOP_M, CabView, Driver
+from sim.drivers.cab import Driver
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind
 from sim.drivers.knowledge import LineKnowledge
 from sim.plant.kernels import PlantState
 from sim.plant.plant import Plant
 from tests.support.made_map import EXAMPLE
-
-LOOK_S: Final = 0.2
-"""Interval (s) at which a driver looks and acts."""
-LOOKS_A_STATE: Final = 5
-"""Number of looks for each stored state (one state a second)."""
-LONGEST_S: Final = 7200.0
-"""Longest trip (s) of the example."""
-
-
-def drive(plant: Plant, driver: Driver, line: LineKnowledge, arrival_s: float) -> list[PlantState]:
-    """Drive from standstill at the first stop to standstill at the last, without an intermediate stop.
-
-    `arrival_s` is the timetable's arrival, counted from the departure. Returns one state a second and the one in which
-    the train has arrived; raises DasError if it does not arrive.
-    """
-    stop_m = line.route.stops[-1].position_m
-    state = plant.at(line.route.stops[0].position_m)
-    states = [state]
-    for look in range(1, round(LONGEST_S / LOOK_S)):
-        cab = CabView(
-            time_s=state.time_s,
-            s_m=state.s_m,
-            speed_mps=state.speed_mps,
-            limit_mps=float(line.limits_mps.at(state.s_m)),
-            stop_m=stop_m,
-            departure_s=0.0,
-            arrival_s=arrival_s,
-        )
-        state = plant.advance(state, driver.command(cab), LOOK_S)
-        arrived = state.speed_mps <= 0 and stop_m - state.s_m <= AT_STOP_M
-        if arrived or look % LOOKS_A_STATE == 0:
-            states.append(state)
-        if arrived:
-            return states
-    raise DasError(f"the simulated train did not arrive within {LONGEST_S:.0f} s (it is at {state.s_m:.0f} m)")
-
+from tests.support.ride import Leg, Ride, ride
 
 SEED: Final = 1
 """Seed of the committed trip."""
@@ -91,14 +55,19 @@ def trip_files(seed: int = SEED) -> dict[str, bytes]:
     return {"posts.csv": _posts(route), "trip.csv": _record(route, driven, seed)}
 
 
-def _driven(route: Route, vehicle: Vehicle, seed: int) -> list[PlantState]:
+def _driven(route: Route, vehicle: Vehicle, seed: int) -> tuple[PlantState, ...]:
     """A human driver's trip without advice; the timetable allows a tenth more time than a hurrying driver needs."""
     line, plant = LineKnowledge(route=route, vehicle=vehicle), Plant(route, vehicle)
-    fastest_s = drive(plant, make_driver(DriverKind.FAST, line), line, 0.0)[-1].time_s
-    return drive(plant, make_driver(DriverKind.HUMAN, line, seed=seed), line, 1.1 * fastest_s)
+    start_m, stop_m = route.stops[0].position_m, route.stops[-1].position_m
+
+    def driven(driver: Driver, arrival_s: float) -> Ride:
+        return ride(plant, driver, line, Leg(start_m=start_m, stop_m=stop_m, departure_s=0.0, arrival_s=arrival_s))
+
+    fastest_s = driven(make_driver(DriverKind.FAST, line), 0.0).arrival_s
+    return driven(make_driver(DriverKind.HUMAN, line, seed=seed), 1.1 * fastest_s).states
 
 
-def _record(route: Route, states: list[PlantState], seed: int) -> bytes:
+def _record(route: Route, states: tuple[PlantState, ...], seed: int) -> bytes:
     """The trip as a receiver records it, one row a second."""
     receiver, random = Receiver(), np.random.default_rng([seed, 1])
     time_s = np.arange(-receiver.standing_s, math.ceil(states[-1].time_s) + receiver.standing_s + 1.0)

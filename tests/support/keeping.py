@@ -11,18 +11,11 @@ from das.advice.goal import Goal, TrainState
 from das.advice.guide.drift import UsualLoss
 from das.advice.guide.keeping import Keeper, Kept
 from das.advice.worker import AT_ONCE, Worker
-from das.domain.units import NS
 from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect
 from das.solver.section import Section
 from tests.support.bundled_sections import Which, asked_s, guide_of, section_of
-
-T0 = 1_800_000_000_000_000_000
-
-
-def ns(seconds: float) -> int:
-    """The time in ns since 1970, given the seconds since the departure."""
-    return T0 + round(seconds / NS)
+from tests.support.fixes import ns
 
 
 class _NoLoss(UsualLoss):

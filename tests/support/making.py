@@ -183,6 +183,13 @@ def write_loss_map(path: Path, train: str) -> None:
     path.write_text("\n".join(["speed_kmh,force_n,loss_w", *rows, ""]))
 
 
+def started(*words: str, cwd: Path, **pipes: Any) -> subprocess.Popen[str]:
+    """Python of this checkout as a process in a folder, with its standard error."""
+    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
+    given: dict[str, Any] = {"stderr": subprocess.PIPE, "encoding": "utf-8", **pipes}
+    return subprocess.Popen([sys.executable, *words], cwd=cwd, env={**os.environ, "PYTHONPATH": paths}, **given)
+
+
 def in_a_process(module: str, *args: str, cwd: Path, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
     """Run a command of this checkout as a process, as users do; one test of each command uses this.
 

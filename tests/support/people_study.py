@@ -27,9 +27,8 @@ from sim.experiment.people.journal import read_journal
 from sim.experiment.people.session import Sitting, serve
 from sim.experiment.study_files import recording_file
 from sim.experiment.trials import trials_of
+from tests.support.desk_page import STRONGEST_MPS2
 
-STRONGEST_MPS2: Final = 1.62
-"""Deceleration (m/s²) of the train of the study at full brake."""
 ANSWERS: Final = {"tlx": "40", "kss": "3", "sus": "4", "trust": "5"}
 Message = dict[str, Any]
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import threading
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 from starlette.routing import WebSocketRoute
@@ -17,7 +15,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from sim.desk.host import listening
 from sim.desk.server import Outbox, page_routes, server_of
 from sim.experiment.people.watching import Watchers, WatcherSaid
-from tests.support.desk_server import TOKEN, WAITS_S, Visitor, until
+from tests.support.desk_server import TOKEN, WAITS_S, Visitor, serving, until
 
 WATCH_TOKEN = "another-token-of-tests"
 
@@ -74,14 +72,6 @@ def scripted_session() -> Iterator[tuple[Visitor, ScriptedSession]]:
     port, loop = door.getsockname()[1], session.loop
     routes = [WebSocketRoute("/desk", session.connect), *session.watchers.routes(), *page_routes()]
     server = server_of(routes, port, TOKEN, WATCH_TOKEN)
-    thread = threading.Thread(target=lambda: loop.run_until_complete(server.serve(sockets=[door])), daemon=True)
-    thread.start()
-    until(lambda: server.started, "the server")
-    try:
+    with door, closing(loop), serving(server, lambda: loop.run_until_complete(server.serve(sockets=[door]))):
+        until(lambda: server.started, "the server")
         yield Visitor(port), session
-    finally:
-        server.should_exit = True
-        thread.join(WAITS_S)
-        time.sleep(0.01)
-        loop.close()
-        door.close()

@@ -17,22 +17,16 @@ from das.cab.situation import Situation
 from das.domain.braking import USUAL, SiteBraking
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
-from das.domain.units import NS
 from das.domain.vehicle import Vehicle
 from das.estimate.estimate import PositionFix
 from das.solver.section import Section, SectionOptions, build_section
-from tests.support.fixes import believing
+from tests.support.fixes import believing, ns
 from tests.support.followed import after_a_second_mps
 from tests.support.making import make_route, make_train
 from tests.support.one_section import advised
 
-T0 = 1_800_000_000_000_000_000
 LOSS = EfficiencyLoss(traction_ratio=0.15, brake_ratio=0.15, idle_w=20e3)
 LENGTH_M = 100.0
-
-
-def ns(seconds: float) -> int:
-    return T0 + round(seconds / NS)
 
 
 def planned_section(vehicle: Vehicle, end_m: float) -> Section:

@@ -16,7 +16,7 @@ from sim.desk.host import listening
 from sim.desk.messages import PageSettings
 from sim.desk.server import server_of
 from sim.desk.watch import HEARD, WatchedTrain, WatchServer
-from tests.support.desk_server import TOKEN, Visitor
+from tests.support.desk_server import TOKEN, Visitor, serving
 
 FRAMES_PER_S = 30
 
@@ -28,13 +28,8 @@ def watched(train: str, connect: Sequence[str]) -> Iterator[Visitor]:
     with bus, door:
         page = WatchServer(WatchedTrain(load_route("flat-6km"), load_vehicle("re460-ic")), bus, "en", PageSettings())
         server = server_of(page.routes(), door.getsockname()[1], TOKEN)
-        thread = threading.Thread(target=lambda: asyncio.run(page.run(server, door)), daemon=True)
-        thread.start()
-        try:
+        with serving(server, lambda: asyncio.run(page.run(server, door))):
             yield Visitor(door.getsockname()[1])
-        finally:
-            server.should_exit = True
-            thread.join(20)
 
 
 class StandIn:

@@ -30,12 +30,12 @@ from das.domain.units import NS
 from das.domain.vehicle import Load
 from das.estimate.estimate import PositionFix
 from das.solver.state import least_time_s
+from tests.support.fixes import T0
 from tests.support.small_trips import (
     DUE,
     FRONTS,
     LENGTH_M,
     LINE,
-    T0,
     TRAIN,
     SmallTrip,
     at,

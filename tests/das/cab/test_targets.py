@@ -21,7 +21,8 @@ from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from tests.support.crossing import few
-from tests.support.small_trips import LINE, T0, TRAIN, at, follow, ns, trip
+from tests.support.fixes import T0, ns
+from tests.support.small_trips import LINE, TRAIN, at, follow, trip
 
 
 def passed_s(advices: Iterable[Advice], s_m: float) -> float:

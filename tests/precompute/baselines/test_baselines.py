@@ -279,17 +279,6 @@ def test_a_hilly_section(hilly: Section, hilly_front: Front, buffer_ratio: float
     assert reduced.trajectory.v_mps.max() <= reduced.cruise_speed_mps + 1e-9
 
 
-def test_the_hilly_section_has_what_makes_it_hard(hilly: Section) -> None:
-    """On the climb the train falls below its speed at full traction; on the descent it brakes to hold it."""
-    run = reduced_maximum_speed(hilly, fastest(hilly).time_s * 1.1)
-    way, v = run.trajectory, run.cruise_speed_mps
-    climb = (way.s_m[:-1] > 3_000.0) & (way.s_m[:-1] < 3_900.0)
-    assert (way.v_mps[:-1][climb] < v - 1.0).any()
-    descent = (way.s_m[:-1] > 5_500.0) & (way.s_m[:-1] < 6_800.0)
-    assert (way.force_el_n[descent] < -1e3).all()
-    assert np.ptp(way.v_mps[:-1][descent]) < 1e-9
-
-
 @pytest.mark.parametrize(("level", "reverse"), crossed(list(Level)[:5], (False, True)))
 def test_the_bundled_route_at_every_level(level: Level, reverse: bool) -> None:
     """Its first 12 km, or the first 28 km of the way back."""

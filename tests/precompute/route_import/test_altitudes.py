@@ -62,13 +62,6 @@ def test_smoothing_leaves_a_gentle_hill_as_it_is_also_at_the_ends(tmp_path: Path
     assert slope.gradients_ratio.value == pytest.approx([0.01])
 
 
-def test_a_forgotten_sign_would_be_seen(tmp_path: Path) -> None:
-    """Seeded fault: downhill for uphill. The hill rises in its first half and falls in its second."""
-    route = with_heights(tmp_path, table(AT_M, hill_m(AT_M))).route
-    assert route.gradients_ratio.at(15_000.0) == pytest.approx(120 * np.pi / LENGTH_M, rel=0.02)
-    assert route.gradients_ratio.at(45_000.0) == pytest.approx(-120 * np.pi / LENGTH_M, rel=0.02)
-
-
 def test_the_ground_over_a_tunnel_and_under_a_bridge_is_not_the_track(tmp_path: Path) -> None:
     over = np.where((AT_M > 20_000) & (AT_M < 23_000), 300.0, 0.0) - np.where(
         (AT_M > 40_000) & (AT_M < 40_500), 80.0, 0

@@ -11,8 +11,6 @@ import pytest
 
 from das.domain.errors import DasError
 from das.domain.route import Route
-from precompute.route_import import from_map as module
-from precompute.route_import import track_map
 from precompute.route_import.from_map import line_from_map
 from precompute.route_import.line import ImportOrder, Words
 from precompute.route_import.track_map import read_map
@@ -82,23 +80,6 @@ def test_overpass_and_geojson_give_the_same_line_and_overpass_names_its_licence(
     osm = imported(tmp_path, as_overpass(made_map()), ("Adorf", "Cedorf"))
     assert same_line(plain, osm)
     assert osm.credit == "© OpenStreetMap contributors, ODbL 1.0"
-
-
-def test_drawing_otherwise_would_show_a_forgotten_direction(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeded fault: the limits of the direction in which the track is drawn, whichever way it is driven."""
-    real = track_map.TrackLine.limit_mps
-    monkeypatch.setattr(track_map.TrackLine, "limit_mps", lambda self, *, forward: real(self, forward=True))
-    plain = imported(tmp_path, made_map(), ("Adorf", "Cedorf"))
-    others = [imported(tmp_path, drawn_otherwise(made_map(), seed), ("Adorf", "Cedorf")) for seed in range(10)]
-    assert any(not same_line(plain, other) for other in others)
-
-
-def test_the_route_file_would_show_limits_that_are_shifted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Seeded fault: each limit begins a step too late."""
-    real = module.stretches
-    monkeypatch.setattr(module, "stretches", lambda start, value, length: real(start, np.roll(value, 1), length))
-    found = imported(tmp_path, made_map(), ("Adorf", "Cedorf"))
-    assert found.limits_mps.value != pytest.approx(ROUTE.limits_mps.value)
 
 
 def test_a_train_never_turns_sharply(tmp_path: Path) -> None:

@@ -220,59 +220,53 @@ def test_a_part_may_begin_before_its_geometry_and_end_where_the_line_began(tmp_p
     assert line(tmp_path, files, start="A", end="A", flat=True).length_m == 10_000
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "empty, expected a line of column names"),
-        ("position_km,limit_kmh\n", "number of rows = 0"),
-        ("position,limit_kmh\n0,80\n", "column = 'position': expected a quantity with its unit"),
-        ("position_km,limit_kn\n0,80\n", "column = 'limit_kn'"),
-        ("position_km,position_m,limit_kmh\n0,0,80\n1,1,80\n", "each quantity once"),
-        ("limit_kmh\n80\n", "no column of positions"),
-        ("position_km,limit_kmh\n0,80\n1\n", "line 3 = '1': expected 2 cells"),
-        ("position_km,limit_kmh\n0,fast\n", "line 2 limit = 'fast': expected a number"),
-        ("position_km,limit_kmh\n0,nan\n", "line 2 limit = 'nan': expected a number"),
-        ("position_km,limit_kmh\n0,1e999\n", "line 2 limit = inf: expected a finite number"),
-        ("position_km,limit_kmh\n0,80\n2,90\n1,80\n", "line 4 position = '1000 m': expected more than 2000 m"),
-        ("position_km,limit_kmh\n-1,80\n2,90\n", "line 2 position = '-1000 m': expected a position >= 0 m"),
-        ("position_km,limit_kmh\n1,80\n2,90\n", "first position of limit = '1 km': expected 0 km"),
-        ("position_km,limit_kmh\n0,0\n2,90\n", "expected a speed > 0"),
-        ("position_km,limit_kmh\n0,800\n2,90\n", "speed_limits[0] (km/h) = 800"),
-        ("position_km,gradient_permille\n0,3\n2,0\n", "no column of limits"),
-        ("position_km,limit_kmh,gradient_permille\n0,80,300\n2,80,0\n", "gradients[0] (‰) = 300"),
-        ('position_km,limit_kmh\n0,"80\n', "not a usable CSV file"),
-        ("position_km,limit_kmh,lat,lon\n0,80,98,8\n1,80,48,8\n", "line 2 latitude = 98.0: expected -90 to 90 degrees"),
-        ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: map distance to the next point"),
-        ("position_km,limit_kmh\n,80\n", "line 2 position is missing: expected a position"),
-        ("position_km,limit_kmh\n0,80\n2.5e-12,90\n", "length of the line = '2.5e-09 m': expected 1 m or more"),
-        ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "and at least two different places"),
-    ],
-)
-def test_a_table_that_cannot_be_meant_is_refused_with_its_line(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(DasError) as caught:
-        line(tmp_path, {"t.csv": text}, flat="gradient" not in text)
-    assert message in str(caught.value)
+BAD_TABLES = [
+    ("", "empty, expected a line of column names"),
+    ("position_km,limit_kmh\n", "number of rows = 0"),
+    ("position,limit_kmh\n0,80\n", "column = 'position': expected a quantity with its unit"),
+    ("position_km,limit_kn\n0,80\n", "column = 'limit_kn'"),
+    ("position_km,position_m,limit_kmh\n0,0,80\n1,1,80\n", "each quantity once"),
+    ("limit_kmh\n80\n", "no column of positions"),
+    ("position_km,limit_kmh\n0,80\n1\n", "line 3 = '1': expected 2 cells"),
+    ("position_km,limit_kmh\n0,fast\n", "line 2 limit = 'fast': expected a number"),
+    ("position_km,limit_kmh\n0,nan\n", "line 2 limit = 'nan': expected a number"),
+    ("position_km,limit_kmh\n0,1e999\n", "line 2 limit = inf: expected a finite number"),
+    ("position_km,limit_kmh\n0,80\n2,90\n1,80\n", "line 4 position = '1000 m': expected more than 2000 m"),
+    ("position_km,limit_kmh\n-1,80\n2,90\n", "line 2 position = '-1000 m': expected a position >= 0 m"),
+    ("position_km,limit_kmh\n1,80\n2,90\n", "first position of limit = '1 km': expected 0 km"),
+    ("position_km,limit_kmh\n0,0\n2,90\n", "expected a speed > 0"),
+    ("position_km,limit_kmh\n0,800\n2,90\n", "speed_limits[0] (km/h) = 800"),
+    ("position_km,gradient_permille\n0,3\n2,0\n", "no column of limits"),
+    ("position_km,limit_kmh,gradient_permille\n0,80,300\n2,80,0\n", "gradients[0] (‰) = 300"),
+    ('position_km,limit_kmh\n0,"80\n', "not a usable CSV file"),
+    ("position_km,limit_kmh,lat,lon\n0,80,98,8\n1,80,48,8\n", "line 2 latitude = 98.0: expected -90 to 90 degrees"),
+    ("position_km,limit_kmh,lat,lon\n0,80,0,0\n1,80,48,8\n", "geometry: map distance to the next point"),
+    ("position_km,limit_kmh\n,80\n", "line 2 position is missing: expected a position"),
+    ("position_km,limit_kmh\n0,80\n2.5e-12,90\n", "length of the line = '2.5e-09 m': expected 1 m or more"),
+    ("lat,lon,limit_kmh\n48,8,80\n48,8,90\n", "and at least two different places"),
+]
+BAD_PATHS = [
+    ("a: [", "not valid YAML"),
+    ("[" * 1200 + "]" * 1200, "YAML"),
+    ("trains: []", "not a running path of railtoolkit"),
+    (
+        "schema: https://railtoolkit.org/schema/rolling-stock.json\npaths: []",
+        "is rolling stock of railtoolkit, expected a map",
+    ),
+    (PATH + "  - {id: q}\n", "paths = 2: expected one path"),
+    (PATH.replace("[ 500.0,  40, 5.0 ]", "[ 500.0, 40 ]"), "characteristic_sections[1] = [500.0, 40]"),
+    (PATH.replace("500.0,  40", "500.0, .nan"), "characteristic_sections[1] = nan: expected a number"),
+    (PATH.replace("500.0", "5000.0"), "line 2 position = '900 m': expected more than 5000 m"),
+]
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a: [", "not valid YAML"),
-        ("[" * 1200 + "]" * 1200, "YAML"),
-        ("trains: []", "not a running path of railtoolkit"),
-        (
-            "schema: https://railtoolkit.org/schema/rolling-stock.json\npaths: []",
-            "is rolling stock of railtoolkit, expected a map",
-        ),
-        (PATH + "  - {id: q}\n", "paths = 2: expected one path"),
-        (PATH.replace("[ 500.0,  40, 5.0 ]", "[ 500.0, 40 ]"), "characteristic_sections[1] = [500.0, 40]"),
-        (PATH.replace("500.0,  40", "500.0, .nan"), "characteristic_sections[1] = nan: expected a number"),
-        (PATH.replace("500.0", "5000.0"), "line 2 position = '900 m': expected more than 5000 m"),
-    ],
+    ("name", "bad"), [*(("t.csv", one) for one in BAD_TABLES), *(("p.yaml", one) for one in BAD_PATHS)]
 )
-def test_a_path_that_cannot_be_meant_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_table_or_path_that_cannot_be_meant_is_refused(tmp_path: Path, name: str, bad: tuple[str, str]) -> None:
+    text, message = bad
     with pytest.raises(DasError) as caught:
-        line(tmp_path, {"p.yaml": text}, flat=True)
+        line(tmp_path, {name: text}, flat="gradient" not in text)
     assert message in str(caught.value)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -23,7 +22,7 @@ from sim.drive.drive import Drive
 from sim.drive.events import bookmarks
 from sim.drivers.kinds import DriverKind
 from tests.support.desk_page import DeskPage, chromium, picture
-from tests.support.desk_server import TOKEN, Visitor
+from tests.support.desk_server import TOKEN, Visitor, serving
 from tests.support.flat_days import flat_day, signal_at
 from tests.support.hand_recorded import in_memory, truth
 from tests.support.making import refusal
@@ -42,13 +41,8 @@ def played(**options: str) -> Iterator[Visitor]:
     """The page of the drive at a server in this process."""
     with listening(0) as door:
         server = server_of(Replay(drive(), "en", **options).routes(), door.getsockname()[1], TOKEN)
-        thread = threading.Thread(target=server.run, kwargs={"sockets": [door]}, daemon=True)
-        thread.start()
-        try:
+        with serving(server, lambda: server.run(sockets=[door])):
             yield Visitor(door.getsockname()[1])
-        finally:
-            server.should_exit = True
-            thread.join(20)
 
 
 def test_every_cab_is_played_as_it_was_recorded_with_the_bookmarks_of_the_review() -> None:

@@ -63,12 +63,11 @@ def check_sums(found: Attribution) -> None:
     for leg in found.legs:
         difference_j = leg.driven_j - leg.optimum_j
         assert sum(leg.by_cause.values()) == pytest.approx(difference_j, abs=1.0)
-        for places in (leg.even,):
-            assert float(places.lost_more_j.sum()) == pytest.approx(difference_j, abs=1.0)
-            assert float(places.driven_j.sum()) == pytest.approx(leg.driven_j, abs=1.0)
-            assert float(places.optimum_j.sum()) == pytest.approx(leg.optimum_j, abs=1.0)
-            assert float(places.driven_s.sum()) == pytest.approx(leg.leg.trip_s)
-            np.testing.assert_array_equal(places.start_m[1:], places.end_m[:-1])
+        assert float(leg.even.lost_more_j.sum()) == pytest.approx(difference_j, abs=1.0)
+        assert float(leg.even.driven_j.sum()) == pytest.approx(leg.driven_j, abs=1.0)
+        assert float(leg.even.optimum_j.sum()) == pytest.approx(leg.optimum_j, abs=1.0)
+        assert float(leg.even.driven_s.sum()) == pytest.approx(leg.leg.trip_s)
+        np.testing.assert_array_equal(leg.even.start_m[1:], leg.even.end_m[:-1])
 
 
 @pytest.mark.nightly

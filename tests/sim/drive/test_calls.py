@@ -10,6 +10,7 @@ import pytest
 from sim.drive.calls import as_rows, at_stops, calls
 from sim.drive.table import DriveTable
 from sim.recording.course import DrivenCourse, part_of
+from sim.review.pictures import LETTER_SHARE, NAMES_AT_POINTS, light_figure, name_stops
 from sim.review.scene import lane_of_stops
 from tests.sim.drive.test_events import STOPS, drive
 from tests.support.recordings import at_ns
@@ -44,9 +45,6 @@ def test_a_part_of_a_drive_has_the_stops_of_that_part() -> None:
 
 
 def test_names_of_near_stops_are_in_two_rows_and_none_covers_another() -> None:
-    pytest.importorskip("matplotlib")
-    from sim.review.pictures import LETTER_SHARE, NAMES_AT_POINTS, light_figure, name_stops
-
     _, (axis,) = light_figure((1.0,))
     name_stops(axis, [(f"Station {i}", 0.02 * i) for i in range(51)])
     named = [(text.xy[0], text.xyann[1], LETTER_SHARE * len(text.get_text())) for text in axis.texts]

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from das.advice.regimes import Regime
-from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
 from docs.examples.weak_drivers import Attentive, Belated, Doubting, Lazy, WeakBraking
 from sim.drivers.cab import AdviceView, CabView
 from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import OwnClass, Presentation
 from sim.drivers.knowledge import LineKnowledge
-from sim.drivers.own_class import load_class
 from sim.world.in_process import InProcess
 from sim.world.loop import Run, World
 from sim.world.outcome import outcome
@@ -100,15 +96,6 @@ def test_the_belated_one_is_3_s_late_and_moves_a_quarter_too_far() -> None:
     assert [late.set(0.4, 1.0) for _ in range(20)] == pytest.approx([0.5] * 15 + [0.4] * 5)
     assert late.set(-1.0, 1.0) == -1.0
     assert late.set(1.0, -0.2) == -0.2
-
-
-@pytest.mark.parametrize("own", DRIVERS)
-def test_they_are_refused_and_checked_like_any_own_driver(own: OwnClass) -> None:
-    assert load_class(own).__name__ == own.name
-    with pytest.raises(DasError, match="has no class Nobody"):
-        load_class(OwnClass(module=own.module, name="Nobody"))
-    with pytest.raises(DasError, match=f"--driver {own}: .*raised at 0.0 s"):
-        make_driver(own, LINE).command(cab(Regime.COAST)._replace(speed_mps=math.nan))
 
 
 @pytest.mark.parametrize("mode", [Regime.NONE, Regime.STOP, Regime.DEPART, 99])

@@ -76,12 +76,6 @@ def test_what_is_allowed_at_most_keeps_the_limit_and_stops_before_a_signal() -> 
     assert skills.halt_in_m == pytest.approx(485.0)
 
 
-def test_notches_move_by_whole_ones_and_never_above_what_is_allowed() -> None:
-    notches = NotchedLever(5)
-    assert [notches.set(wanted) for wanted in (0.15, 0.5, 0.59, 0.65, -0.5)] == [0.0, 0.4, 0.4, 0.6, -0.4]
-    assert notches.set(0.7, -0.41) == pytest.approx(-0.6)
-
-
 def test_what_was_seen_comes_late() -> None:
     late = Late(1.0, "nothing")
     assert [late.seen(str(look)) for look in range(7)] == ["nothing"] * 5 + ["0", "1"]

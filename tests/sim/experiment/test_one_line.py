@@ -6,8 +6,6 @@ import csv
 import json
 import os
 import signal
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from das.bus.recording import read_recording
 from das.domain.errors import DasError
 from precompute.workers import Made, Workers
 from sim.drivers.kinds import DriverKind, Presentation
@@ -25,7 +22,7 @@ from sim.experiment.runner import attempted
 from sim.experiment.trials import TrialJob, jobs_of, make_trial
 from sim.world import loop
 from tests.support.flat_days import FLAT
-from tests.support.making import das_sim, refusal, wait_until
+from tests.support.making import das_sim, refusal, started, wait_until
 
 LATE = "[[disturbances]]\nkind = 'departure-delay'\nstop = 'A'\ndelay_s = {min = 0, max = 20}\n"
 SHOWN = Presentation.SPEED_AND_EFFORT
@@ -45,10 +42,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / f"{name}.toml").write_text(text.replace('"flat"', f'"{name}"'))
     (folder / "train.toml").write_text("losses = [")
     return folder
-
-
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "sim.cli", *RUN, *arguments]
 
 
 def made(*arguments: str, cwd: Path) -> dict[str, Any]:
@@ -147,7 +140,7 @@ def test_days_that_were_stopped_go_on_where_they_were(folder: Path, first: First
         "-o",
         name,
     ]
-    child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True)
+    child = started("-m", "sim.cli", *RUN, *asked, cwd=folder)
     wait_until(lambda: finished(folder / name) >= 2)
     workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
     child.send_signal(number)
@@ -167,34 +160,6 @@ def test_days_that_were_stopped_go_on_where_they_were(folder: Path, first: First
     theirs = {row["seed"]: row["energy_kwh"] for row in rows(folder / name)}
     ours = {row["seed"]: row["energy_kwh"] for row in first.table if row["presentation"] == "speed-and-effort"}
     assert theirs | ours == theirs
-
-
-@pytest.mark.nightly
-def test_recordings_are_kept_and_the_figures_are_the_same(folder: Path, first: First) -> None:
-    asked = (
-        "late.toml",
-        "--seeds",
-        "1",
-        "--driver",
-        "perfect",
-        "--advice",
-        "speed-and-effort",
-        "--recordings",
-        "-o",
-        "b",
-    )
-    assert made(*asked, cwd=folder)["made"] == 1
-    (row,) = rows(folder / "b")
-    (path,) = (folder / "b" / "recordings").iterdir()
-    assert path.name == "sub-01_run-001_late_perfect_vector_seed-1.mcap"
-    recording = read_recording(path)
-    assert recording.complete
-    assert recording.metadata["run"]["seed"] == "1"
-    (same,) = (one for one in first.table if (one["presentation"], one["seed"]) == ("speed-and-effort", "1"))
-    assert row["energy_kwh"] == same["energy_kwh"]
-    assert made(*asked, cwd=folder)["made"] == 0
-    path.write_bytes(path.read_bytes()[:-100])  # cut off
-    assert made(*asked, cwd=folder)["made"] == 1
 
 
 def jobs(folder: Path, **changes: Any) -> list[TrialJob]:
@@ -283,7 +248,7 @@ def test_the_table_printed_at_the_end(folder: Path, first: First) -> None:
 def test_ctrl_c_at_a_terminal_spares_workers_that_are_being_started(folder: Path) -> None:
     """It goes to all processes of the command; a worker must not die of it before it knows to ignore it."""
     asked = ["late.toml", "--seeds", "0-9", "--driver", "perfect", "--workers", "1", "-o", "started"]
-    child = subprocess.Popen(command(*asked), cwd=folder, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    child = started("-m", "sim.cli", *RUN, *asked, cwd=folder, start_new_session=True)
     children = Path(f"/proc/{child.pid}/task/{child.pid}/children")
     wait_until(lambda: any(_is_worker(pid) for pid in children.read_text().split()), 60.0)
     os.killpg(child.pid, signal.SIGINT)

@@ -6,15 +6,13 @@ import csv
 import io
 import os
 import re
-import signal
 import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 
+from das.bus.recording import read_recording
 from precompute.workers import Workers
 from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
@@ -22,7 +20,7 @@ from sim.experiment.runner import Journal, attempted
 from sim.experiment.study_files import FAILED_TABLE, README, TRIALS_TABLE, column_meanings
 from sim.experiment.trials import TrialJob, jobs_of, make_trial, run_study
 from tests.support.dask_cluster import running_cluster
-from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal, wait_until
+from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 from tests.support.needs import need_r
 
 pytestmark = pytest.mark.slow
@@ -44,6 +42,8 @@ analysis.measures = ["gap_to_optimum_ratio", "speed_rmse_mps", "power_brake_reve
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("experiment")
     (folder / "small.toml").write_text(DESIGN)
+    idle = DESIGN.replace('"presentation"', '"reason"').replace('["none", "speed-and-effort"]', "[true, false]")
+    (folder / "idle.toml").write_text(idle)
     return folder
 
 
@@ -82,35 +82,6 @@ def test_what_is_finished_is_not_driven_again_and_the_bytes_are_the_same(place: 
     told = das_sim_json("experiment", "run", "small.toml", "-o", "whole", cwd=place)
     assert told["made"] == 0
     assert (study / TRIALS_TABLE).read_bytes() == before
-
-
-@pytest.mark.nightly
-def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(place: Path, study: Path) -> None:
-    folder = place / "killed"
-    words = ["experiment", "run", "small.toml", "-o", "killed", "--workers", "1"]
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    child = subprocess.Popen(
-        [sys.executable, "-m", "sim.cli", *words], cwd=place, env={**os.environ, "PYTHONPATH": paths},
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    journal = folder / "finished.jsonl"
-    wait_until(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= 2, 240.0)
-    child.send_signal(signal.SIGKILL)
-    child.communicate(timeout=60)
-    told = das_sim_json(*words, cwd=place)
-    assert 0 < told["made"] <= 4
-    assert (folder / TRIALS_TABLE).read_bytes() == (study / TRIALS_TABLE).read_bytes()
-
-
-@pytest.mark.nightly
-def test_a_factor_that_is_not_sensed_is_refused_before_anything_is_driven(place: Path) -> None:
-    (place / "idle.toml").write_text(
-        DESIGN.replace('"presentation"', '"reason"').replace('["none", "speed-and-effort"]', "[true, false]")
-    )
-    done = das_sim("experiment", "run", "idle.toml", "-o", "idle", cwd=place)
-    assert done.returncode == 2
-    assert "factor reason: human drivers ignore reasons" in done.stderr
-    assert not (place / "idle").exists()
 
 
 def test_the_folder_has_the_table_the_design_and_a_readme(place: Path, study: Path) -> None:
@@ -183,20 +154,23 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
     some: list[TrialJob] = [job for job in jobs if job.trial.levels == ("speed-and-effort",)][:1]
     found = run_study(designed(place), some, tmp_path, Workers(count=1))
     assert found.failed == ()
-    (recording,) = tmp_path.rglob("*.mcap")
-    with recording.open("rb") as file:
-        run = next(one.metadata for one in make_reader(file).iter_metadata() if one.name == "run")
-    shown = {name: text for name, text in run.items() if name.startswith("screen_")}
+    (path,) = tmp_path.rglob("*.mcap")
+    recording = read_recording(path)
+    assert recording.complete
+    shown = {name: text for name, text in recording.metadata["run"].items() if name.startswith("screen_")}
     assert shown == screen_metadata(ScreenSettings(hold_s=5.0, preview_s=600.0))
     whole = {row["trial"]: row for row in csv.DictReader(io.StringIO((study / TRIALS_TABLE).read_text()))}
     (own,) = csv.DictReader(io.StringIO((tmp_path / TRIALS_TABLE).read_text()))
     assert own == whole[own["trial"]]  # to the last bit: the node on the bus is the same cab
     assert run_study(designed(place), some, tmp_path, Workers(count=1)).made == 0
+    path.write_bytes(path.read_bytes()[:-100])  # cut off
+    assert run_study(designed(place), some, tmp_path, Workers(count=1)).made == 1
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (("run", "idle.toml", "-o", "x"), "factor reason: human drivers ignore reasons"),
         (("run", "nonsense", "-o", "x"), "nonsense: not a bundled study (level-through-a-driver, pacing"),
         (("run", "smoke", "-o", "small.toml"), "small.toml: is a file, expected a folder"),
         (("run", "smoke", "-o", "x", "--workers", "2", "--scheduler", "tcp://a:1"), "either --workers or --scheduler"),
@@ -206,3 +180,4 @@ def test_recordings_are_kept_and_the_measures_are_the_same(place: Path, study: P
 )
 def test_nonsense_on_the_command_line(place: Path, words: tuple[str, ...], said: str) -> None:
     assert said in refusal("experiment", *words, cwd=place)
+    assert not (place / "x").exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -50,9 +51,19 @@ def test_a_name_that_no_file_can_have_is_refused(name: str, tmp_path: Path) -> N
         attached(tmp_path, (name, b"[route]")).find("routes", "own", load_route)
 
 
+def with_curve(name: str) -> bytes:
+    """The vehicle with a loss map, whose effort curve is the file of a name."""
+    return with_map("own.csv").replace(
+        b"max_force_kn = 300.0\nmax_power_kw = 6100.0\n", f'curve = "{name}"\n'.encode(), 1
+    )
+
+
+@pytest.mark.parametrize("own", [with_map, with_curve])
 @pytest.mark.parametrize("name", ["/etc/hostname", "../../../../../../own.csv"])
-def test_a_loss_map_outside_the_private_folder_is_not_opened(name: str, tmp_path: Path) -> None:
-    files = attached(tmp_path, ("own.toml", with_map(name)))
+def test_a_file_outside_the_private_folder_is_not_opened(
+    name: str, own: Callable[[str], bytes], tmp_path: Path
+) -> None:
+    files = attached(tmp_path, ("own.toml", own(name)))
     with pytest.raises(DasError, match=f"its own.toml names {name}, expected a file in the recording"):
         files.find("vehicles", "own", load_vehicle)
 
@@ -72,9 +83,7 @@ def test_effort_curves_are_brought_along_and_put_where_the_vehicle_says(tmp_path
     """Beside a loss map, which is found by its hash and must not take their place."""
     (tmp_path / "effort.csv").write_text("speed_kmh,force_kn\n0,280\n60,280\n200,100\n")
     write_map(tmp_path / "own.csv", 1.0, COARSE)
-    own = with_map("own.csv").decode()
-    own = own.replace("max_force_kn = 300.0\nmax_power_kw = 6100.0\n", 'curve = "effort.csv"\n', 1)
-    (tmp_path / "own.toml").write_text(own)
+    (tmp_path / "own.toml").write_bytes(with_curve("effort.csv"))
     brought = vehicle_files(str(tmp_path / "own.toml"))
     assert {kind: path.name for kind, path in brought.items()} == {
         "vehicle": "own.toml",
@@ -84,16 +93,6 @@ def test_effort_curves_are_brought_along_and_put_where_the_vehicle_says(tmp_path
     files = attached(tmp_path, *((path.name, path.read_bytes()) for path in brought.values()))
     vehicle, _, _ = files.find("vehicles", "own", load_vehicle)
     assert vehicle.traction.max_force_n == 280e3
-
-
-@pytest.mark.parametrize("name", ["/etc/hostname", "../../../../../../effort.csv"])
-def test_an_effort_curve_outside_the_private_folder_is_not_opened(name: str, tmp_path: Path) -> None:
-    own = (
-        with_map("own.csv").decode().replace("max_force_kn = 300.0\nmax_power_kw = 6100.0\n", f'curve = "{name}"\n', 1)
-    )
-    files = attached(tmp_path, ("own.toml", own.encode()))
-    with pytest.raises(DasError, match=f"its own.toml names {name}, expected a file in the recording"):
-        files.find("vehicles", "own", load_vehicle)
 
 
 def test_a_path_in_place_of_a_name_is_not_opened(tmp_path: Path) -> None:

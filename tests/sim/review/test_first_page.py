@@ -337,10 +337,7 @@ def crowded() -> str:
     """The page with findings and names as long as they get."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr("sim.review.first_page.findings", lambda drive: (LONG,) * 3)
-        patched.setattr(
-            "sim.review.tables.input_rows",
-            lambda drive: [(LONG_NAME, "km 12.3 at 98 km/h to km 45.6 at 98 km/h")] * 20,
-        )
+        patched.setattr("sim.review.tables.input_rows", lambda drive: [(LONG_NAME, PART)] * 20)
         picture = as_image(first_figure(ReviewScene.of(fast().drive), findings(fast().drive)))
         return page_of_words(fast(), first=picture)
 

@@ -89,10 +89,6 @@ def test_without_line_and_train_the_reason_is_told(alone: Recording) -> None:
 
 
 def test_values_of_the_view(whole: Path) -> None:
-    pytest.importorskip("matplotlib")
-
-    from sim.review.scene import ReviewScene
-
     scene = ReviewScene.of(Drive(recording=read_recording(whole)))
     data = scene.series
     assert data["speed/driven"][1].max() == pytest.approx(144.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from das.domain.errors import DasError
 from das.domain.route import Route, Stop
 from sim.trips.line import Line, read_kilometre_posts
+from tests.das.domain.files.refusing import refused
 from tests.support.made_line import arc, north, posts, posts_file, route
 
 
@@ -48,10 +50,7 @@ POST_FILES = {
 def test_bad_posts_are_refused_in_one_line(tmp_path: Path, text: str, expected: str) -> None:
     path = tmp_path / "posts.csv"
     path.write_text(text)
-    with pytest.raises(DasError) as caught:
-        read_kilometre_posts(path)
-    assert str(caught.value).startswith(f"{path}: {expected}")
-    assert "\n" not in str(caught.value)
+    refused(read_kilometre_posts, path, re.escape(expected))
 
 
 @given(s=st.lists(st.floats(-800, 10_800), min_size=1, max_size=20), side=st.floats(-150, 150))

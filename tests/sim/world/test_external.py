@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -35,7 +33,7 @@ from sim.world.external import AT_THE_DESK, DeadMan, ExternalDriver, Patience
 from sim.world.lockstep import Answers
 from sim.world.service import Day, make_day
 from tests.support.flat_days import FLAT, service_of, signal_at
-from tests.support.making import REPOSITORY, das_sim
+from tests.support.making import REPOSITORY, das_sim, started
 
 EXAMPLE = REPOSITORY / "docs" / "examples" / "external_driver.py"
 HUMAN = "[human]\nbraking_mps2 = {min = 0.4, max = 0.7}\n"
@@ -88,11 +86,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextmanager
 def process(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A Python process of this checkout, ended with the block."""
-    paths = os.pathsep.join([str(REPOSITORY), *filter(None, [os.environ.get("PYTHONPATH")])])
-    child = subprocess.Popen(
-        [sys.executable, *arguments], cwd=folder, env={**os.environ, "PYTHONPATH": paths}, stderr=subprocess.PIPE,
-        text=True,
-    )  # fmt: skip
+    child = started(*arguments, cwd=folder)
     try:
         yield child
     finally:

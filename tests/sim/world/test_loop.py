@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from das.advice.advice import Advice
-from das.bus import codec
 from sim.drivers.cab import CabView
-from sim.drivers.drivers import make_driver
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.drivers.presentations.presenter import Shown
 from sim.plant.kernels import Command
 from sim.plant.plant import lever
 from sim.world.in_process import InProcess
 from sim.world.loop import Tick, Told, World
-from sim.world.scenario import read_scenario
-from sim.world.service import Day, Service, make_day, prepare_service
-from tests.support.flat_days import FLAT, flat_day
+from sim.world.service import Day
+from tests.support.flat_days import flat_day
 
 
 class Late(InProcess):
@@ -84,7 +80,6 @@ class Logged(InProcess):
     """Keeps what is said about the run."""
 
     def __init__(self, day: Day) -> None:
-        self.payloads: list[Any] = []
         self.words: list[str] = []
         super().__init__(day.service)
 
@@ -101,33 +96,3 @@ def test_a_driver_who_pulls_too_early_is_held_or_leaves_early_as_the_scenario_sa
     assert run.legs[0][0].time_s == pytest.approx(leaves_s, abs=0.5)
     (said,) = [text for text in link.words if text.startswith("departed")]
     assert ("before it was cleared" in said) == (leaves_s < 0)
-
-
-class Kept(InProcess):
-    """The cab in this process, with every advice as the bus would carry it."""
-
-    def __init__(self, service: Service) -> None:
-        self.payloads: list[bytes] = []
-        super().__init__(service, guide=True)
-
-    def exchange(self, tick: Tick) -> Any:
-        advice = super().exchange(tick)
-        self.payloads.append(codec.advice_message(advice, tick.number).SerializeToString())
-        return advice
-
-
-def test_a_seed_gives_the_same_day_byte_for_byte_and_another_one_another_day(tmp_path: Path) -> None:
-    """Prepared and driven anew, by a human with the guide: every state and every advice."""
-    path = tmp_path / "flat.toml"
-    path.write_text(FLAT.replace("buffer_percent = 10", "buffer_percent = 30"), encoding="utf-8")
-    driven = []
-    for seed in (4, 4, 5):
-        service = prepare_service(read_scenario(path))
-        link = Kept(service)
-        run = World(
-            make_day(service, seed), make_driver(DriverKind.HUMAN, service.line, seed=seed), Presentation.GUIDE, link
-        ).run()
-        driven.append((run.states, link.payloads))
-    assert len(driven[0][1]) > 100
-    assert driven[0] == driven[1]
-    assert driven[0] != driven[2]

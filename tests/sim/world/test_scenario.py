@@ -19,6 +19,7 @@ from sim.world.disturbances import AnnouncedRestriction, as_figures, described
 from sim.world.scenario import bundled_scenarios, load_scenario, read_scenario
 from sim.world.service import Service, lay_out, make_day, prepare_service
 from tests.support.flat_days import FLAT
+from tests.support.freight import FREIGHT
 
 RESTRICTED = "[[disturbances]]\nkind = 'restriction'\nfrom_km = 1\nto_km = 2\nspeed_kmh = 60\nannounced_m = 500\n"
 DELAY = "[[disturbances]]\nkind = 'departure-delay'\n"
@@ -231,31 +232,13 @@ speed_limits = {columns = ["position_km", "limit_kmh"], rows = [[0, 120], [4.94,
 gradients = {columns = ["position_km", "gradient_permille"], rows = [[0, 0], [3, 6]]}
 """
 """A line on which much of the time is that of braking."""
-SLOW_BRAKES = """
-schema_version = 1
-resistance = {c0_kn = 22, c1_kn_per_mps = 0.15, c2_kn_per_mps2 = 0.055}
-traction = {max_force_kn = 300, max_power_kw = 5600}
-electric_brake = {max_force_kn = 150, max_power_kw = 2600}
-friction_brake.max_force_kn = 320
-brakes.policy = "blended"
-service_brake = {deceleration_mps2 = 0.15, build_up_s = 6}
-losses = {default = "own", own = {mean_efficiency_ratio = 0.85, idle_kw = 20}}
-[vehicle]
-id = "freight"
-name = "freight"
-source = "invented"
-mass_t = 1600
-rotating_mass_ratio = 0.05
-length_m = 520
-max_speed_kmh = 100
-"""
 
 
 @pytest.fixture
 def braked_late(tmp_path: Path) -> Callable[[str], Service]:
     """The service of a train that brakes gently, by the text of its timetable."""
     (tmp_path / "line.toml").write_text(BOARDS, encoding="utf-8")
-    (tmp_path / "train.toml").write_text(SLOW_BRAKES, encoding="utf-8")
+    (tmp_path / "train.toml").write_text(FREIGHT.replace("mass_t = 1350", "mass_t = 1600"), encoding="utf-8")
     head = 'schema_version = 1\n[scenario]\nid = "late"\ntitle = "Late"\nroute = "line.toml"\nvehicle = "train.toml"\n'
 
     def prepared(timetable: str) -> Service:

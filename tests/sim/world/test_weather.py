@@ -9,7 +9,7 @@ import pytest
 
 from das.domain.units import KMH
 from sim.plant.kernels import PlantState
-from sim.plant.plant import Plant, lever
+from sim.plant.plant import Plant
 from sim.world.scenario import read_scenario
 from sim.world.service import make_day, prepare_service
 
@@ -54,16 +54,3 @@ def test_wind_and_rail_of_the_whole_day_are_everywhere(flat: Callable[..., Path]
     for s_m in (0.0, 3_000.0, 6_000.0):
         assert weather(plant, s_m) == (pytest.approx(0.8), pytest.approx(18 * KMH))
     assert weather(plant_of(flat(ADHESIVE)), 3_000.0) == (1.0, 0.0)
-
-
-def test_wind_takes_more_energy_and_slippery_rail_takes_force(flat: Callable[..., Path]) -> None:
-    """What the train does at full lever within 20 s: with wind it is slower, and on a slippery rail much slower."""
-    reached_mps = []
-    for more in (ADHESIVE, ADHESIVE + "head_wind_kmh = 100\n", ADHESIVE + "adhesion_percent = 30\n"):
-        plant, state = plant_of(flat(more)), PlantState(time_s=0.0, s_m=0.0, speed_mps=0.0)
-        for _ in range(round(20.0 / plant.step_s)):
-            state = plant.step(state, lever(1.0))
-        reached_mps.append(state.speed_mps)
-    usual_mps, windy_mps, slippery_mps = reached_mps
-    assert windy_mps < usual_mps - 0.1
-    assert slippery_mps < 0.6 * usual_mps

@@ -62,14 +62,6 @@ def html() -> str:
     return page(found())
 
 
-def without_comparisons(study: RunStudy) -> RunStudy:
-    return replace(study, design=replace(study.design, comparisons=()))
-
-
-def analysed(study: RunStudy) -> StudyFindings:
-    return analyse_study(study)
-
-
 def test_the_page_needs_nothing_besides_itself() -> None:
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", html())
     assert not re.findall(r"url\(|@import|<script|http://|https://", html())
@@ -107,7 +99,7 @@ def test_a_verdict_has_size_interval_and_chance() -> None:
 
 
 def test_one_method_decides_and_student_who_disagrees_is_named() -> None:
-    of_eight = analysed(eight_drivers())
+    of_eight = analyse_study(eight_drivers())
     ((_, said),) = in_short(of_eight)
     assert "The difference is statistically significant (corrected p 0.031). Student's t disagrees (" in said
     (row,) = as_dict(of_eight)["differences"]
@@ -118,7 +110,7 @@ def test_one_method_decides_and_student_who_disagrees_is_named() -> None:
 
 def test_what_is_no_difference_is_not_called_one() -> None:
     truth = Truth(means=(0.25, 0.25, 0.25), drivers=12)
-    ((_, said),) = in_short(analysed(made_up_study(truth, 3)))
+    ((_, said),) = in_short(analyse_study(made_up_study(truth, 3)))
     assert "is not statistically significant" in said
     assert re.search(r"from \d\.\d\d points lower to \d\.\d\d points higher", said)
 
@@ -126,7 +118,7 @@ def test_what_is_no_difference_is_not_called_one() -> None:
 def test_a_comparison_that_cannot_be_made_is_said_and_counts_for_the_correction() -> None:
     study = made_up_study(Truth(drivers=12), 1, COMPARISONS)
     values = np.where(study.trials.levels["presentation"] == "top-speed", np.nan, study.trials.values[MEASURE])
-    lacking = analysed(replace(study, trials=replace(study.trials, values={MEASURE: values})))
+    lacking = analyse_study(replace(study, trials=replace(study.trials, values={MEASURE: values})))
     assert [name for name, _ in lacking.failed] == ["speed-and-effort against top-speed"]
     (one,) = lacking.differences
     assert one.corrected == pytest.approx(2 * one.estimate.probability)
@@ -138,7 +130,7 @@ def test_missing_trials_are_counted_by_driver() -> None:
     study = made_up_study(Truth(drivers=12), 1)
     practice = study.trials.practice.copy()
     practice[:2] = True
-    said = dict(trial_rows(analysed(replace(study, trials=replace(study.trials, practice=practice)))))
+    said = dict(trial_rows(analyse_study(replace(study, trials=replace(study.trials, practice=practice)))))
     assert said["missing trials"].startswith("2 of 108 planned: sub-01: ")
 
 
@@ -162,7 +154,7 @@ def test_a_stopped_study_says_which_trials_are_missing() -> None:
     study = stopped_study()
     assert study.missing.total() == 3 + 9
     assert {name for name, _ in study.missing} == {"sub-01", "sub-04"}
-    found = analysed(study)
+    found = analyse_study(study)
     said = hangs_on(found)[-1]
     assert said.startswith("12 of the 36 planned trials are missing (sub-01: ")
     assert "; sub-04: all 9)" in said
@@ -175,7 +167,7 @@ def test_a_stopped_study_says_which_trials_are_missing() -> None:
 def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
     """A perfect driver has no spread: a difference, but nothing to judge it by."""
     truth = Truth(drivers=6, noise=(0.0, 0.0, 0.0), level_sd=0.0, effect_sd=0.0, day_sd=0.0)
-    same = analysed(made_up_study(truth, 1))
+    same = analyse_study(made_up_study(truth, 1))
     ((_, said),) = in_short(same)
     assert said.endswith("No interval can be given, because the drivers do not differ at all.")
     assert "points lower" in said
@@ -183,10 +175,11 @@ def test_drivers_who_are_all_the_same_have_a_page_without_intervals() -> None:
     assert json.dumps(as_dict(same), allow_nan=False)
 
 
+SIX = made_up_study(Truth(drivers=6), 1)
 SMALL = {
     "one driver": (made_up_study(Truth(drivers=1), 1), ["because only one driver took part"]),
     "no comparison": (
-        without_comparisons(made_up_study(Truth(drivers=6), 1)),
+        replace(SIX, design=replace(SIX.design, comparisons=())),
         ["No comparison was planned", "Gap to the optimum (%)"],
     ),
     "markup": (
@@ -198,7 +191,7 @@ SMALL = {
 
 @pytest.mark.parametrize(("study", "expected"), SMALL.values(), ids=SMALL)
 def test_a_small_study_has_a_page_and_names_cannot_become_markup(study: RunStudy, expected: list[str]) -> None:
-    said = page(analysed(study))
+    said = page(analyse_study(study))
     assert all(one in said for one in expected)
     assert "<script>" not in said
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ from sim.experiment.people.fitting import (
     population_text,
     recorded,
 )
-from sim.experiment.people.observing import Seconds, notches_of, observed, statistics
+from sim.experiment.people.observing import Seconds, _answers, notches_of, observed, statistics
 from sim.experiment.trials import trials_of
 from tests.support.flat_days import FLAT
 from tests.support.making import das_sim_json, refusal
@@ -177,16 +178,9 @@ def test_the_file_is_a_population_with_the_defaults_of_what_is_not_fitted(tmp_pa
 @cache
 def guided() -> Driven:
     """A guided trial with its table."""
-    folder = Path(__file__).parent
-    trials = [one for one in trials_of(read_design_of(folder)) if one.condition == "guide"]
-    return drive(trials[0], "default", keep=True)
-
-
-def read_design_of(folder: Path) -> Design:
-    from tempfile import TemporaryDirectory
-
     with TemporaryDirectory() as place:
-        return designed(Path(place))
+        trials = [one for one in trials_of(designed(Path(place))) if one.condition == "guide"]
+    return drive(trials[0], "default", keep=True)
 
 
 def test_a_drive_shows_the_reaction_and_the_stopping_error() -> None:
@@ -226,8 +220,6 @@ def seconds(mode: Regime, lever: list[float], **shown: float) -> Seconds:
     ],
 )  # fmt: skip
 def test_what_follows_on_advice(drive: Seconds, said: dict[str, list[float]]) -> None:
-    from sim.experiment.people.observing import _answers
-
     found: dict[str, list[float]] = {}
     for name, value in _answers(drive):
         found.setdefault(name, []).append(value)

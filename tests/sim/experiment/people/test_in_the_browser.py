@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -16,7 +15,7 @@ pytest.importorskip("starlette", reason="the extra desk is not installed")
 from das.bus.recording import read_recording
 from sim.experiment.people.journal import read_journal
 from tests.support.desk_page import DeskPage, chromium, desk_command, picture
-from tests.support.people_study import study
+from tests.support.people_study import rows, study
 
 pytestmark = pytest.mark.nightly
 
@@ -100,11 +99,6 @@ class Person(DeskPage):
                 self.asked_s.pop(node, None)
             elif time.monotonic() - self.asked_s.setdefault(node, time.monotonic()) >= REACTION_S:
                 self.page.keyboard.press(key)
-
-
-def rows(path: Path) -> list[dict[str, str]]:
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_a_session_of_four_trials_with_reloads_and_kills_and_a_second_participant(tmp_path: Path) -> None:

@@ -153,19 +153,11 @@ def sitting(tmp_path: Path) -> Sitting:
     return Sitting(design=design, folder=out, who=1, language="en", command="a test")
 
 
-def test_an_altered_journal_of_another_participant_and_a_full_disk(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The first is shown to the experimenter, and disturbs nobody; the second ends the session with its error."""
+def test_a_full_disk_ends_the_session_with_its_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = sitting(tmp_path)
-    (mine.folder / "people" / "P02").mkdir(parents=True)
-    (mine.folder / "people" / "P02" / "session.jsonl").write_text('{"wall_ns": 1, "step": "end"}\n')
     with PersonJournal(mine.own) as journal:
         session = Session(mine, journal)
         session.opened()
-        assert [one["state"] for one in session.state()["others"]] == ["consent", "altered", *["not_begun"] * 2]
-        journal.add("consent", "left")
-        assert session.state()["others"][0]["state"] == "instructions"
         full = DasError("session.jsonl: cannot be written (No space left on device)")
         monkeypatch.setattr(journal, "add", Mock(side_effect=full))
         with pytest.raises(DasError, match="No space left"):
