@@ -44,11 +44,11 @@ def decode(received: Received, heard_ns: int) -> Heard | None:
     kind = Kind(received.topic.name)
     common = {"heard_ns": heard_ns, "source": received.source}
     if received.message is None:
-        return heard.Unreadable(kind=kind, **common)  # type: ignore[arg-type]
+        return heard.Unreadable(told=kind, **common)  # type: ignore[arg-type]
     try:
         return _DECODERS[kind](received.message, common)
     except ValueError as error:
-        return heard.Unreadable(kind=kind, why=f"one that cannot be read ({error})", **common)  # type: ignore[arg-type]
+        return heard.Unreadable(told=kind, why=f"one that cannot be read ({error})", **common)  # type: ignore[arg-type]
 
 
 def encode_input(value: Heard) -> Outgoing:

@@ -130,11 +130,16 @@ class TargetsHeard(StateHeard):
 class Unreadable(Heard):
     """A message that could not be read.
 
-    `kind` is the kind of message that its topic carries, `why` is the error (empty: the message has another type).
+    `told` is the kind of message that its topic carries, `why` is the error (empty: the message has another type).
     """
 
-    kind: Kind  # type: ignore[misc]
+    told: Kind
     why: str = ""
+
+    @property
+    def kind(self) -> Kind:  # type: ignore[override]
+        """The kind of message that could not be read."""
+        return self.told
 
 
 @dataclass(frozen=True, kw_only=True)

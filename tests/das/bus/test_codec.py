@@ -80,7 +80,7 @@ def test_every_position_comes_back_bit_for_bit(s_m: float, speed_mps: float, qua
 
 def test_an_unreadable_message_keeps_its_kind() -> None:
     rubbish = codec.decode(decoded(POSITION, POSITION.key("T1"), b"\xff", "a"), 7)
-    assert rubbish == Unreadable(kind=Kind.POSITION, heard_ns=7, source="a")
+    assert rubbish == Unreadable(told=Kind.POSITION, heard_ns=7, source="a")
     position = das_pb2.Position(time_ns=NOW_NS)
     position.quality = 99  # type: ignore[assignment]
     odd = codec.decode(decoded(POSITION, POSITION.key("T1"), position.SerializeToString(), "a"), 7)
