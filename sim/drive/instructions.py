@@ -217,7 +217,7 @@ class InstructionWatch:
         self._coasted_s = 0
         self._ending: tuple[_Told, _Told, int] | None = None
         """Coasting that another instruction is about to end, and how long the train has coasted (s)."""
-        self._led_mps, self._led_s = math.nan, -math.inf
+        self._led_mps, self._led_s = -math.inf, -math.inf
         """The speed shown last, and since when (s): coasting counts as one instruction even if its speed changes."""
         self._reliance = _RelianceWatch()
 
@@ -240,18 +240,22 @@ class InstructionWatch:
             return
         if before is None or told.seen != before.seen:
             self._changed(before, told, advice)
-        elif told.to_mps != self._led_mps and self._was_announced(told, before.time_s):
+        elif self._leads_elsewhere(told) and self._was_announced(told, before.time_s):
             self._ends(before, told)  # Coasting to this speed was announced while coasting: another instruction.
         if self._ending is not None and time_s >= self._ending[1].due_s - 0.5:
             self._counts["missed_coasts"] += _misses(*self._ending, advice.speed_mps)
             self._ending = None
-        if told.to_mps != self._led_mps:
+        if self._leads_elsewhere(told):
             self._led_mps, self._led_s = told.to_mps, time_s
         self._coasted_s += told.kind is InstructionKind.COAST and abs(force_n) < ROLLS_N
         for one in advice.guide.following:
             kind = KIND_OF.get(int(one.mode))
             if kind is not None:
                 self._announced.append((time_s, _task(kind, one.speed_mps), time_s + one.in_s))
+
+    def _leads_elsewhere(self, told: _Told) -> bool:
+        """Whether the speed shown is another one than before, in whole km/h as drivers see it."""
+        return abs(told.to_mps - self._led_mps) > 0.5 * KMH
 
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         counts = self._counts

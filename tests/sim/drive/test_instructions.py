@@ -131,6 +131,11 @@ def test_coasting_misses_the_speed_that_stood_at_its_end_or_when_another_was_ann
     assert (missed(108.0, announce=False), missed(108.0, 5, announce=False)) == (0, 1)
 
 
+def test_a_coasting_speed_that_changes_by_a_rounding_error_still_stands() -> None:
+    spells = (told(C, 100), 20, 108.0), (told(C, 110), 20, 110.0), (told(C, 110 + 1e-12), 5, 110.0)
+    assert found(*spells, (told(H, 110), 9, 110.0), announce=False).missed_coasts == 0
+
+
 def figures_of(guide: InstructionFigures) -> DriveFigures:
     """The figures of a drive with these instructions, which showed nothing else and violated nothing."""
     return DriveFigures(violations=Violations(), stability=AdviceStability(), instructions=guide)
