@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
+from das.advice.shown import STOP_BY_EYE_M
 from sim.drivers.cab import AdviceView, Asked, CabView, Diary, DriverEvent, asked
 from sim.drivers.handling import CREEPS_MPS, Errors, Hand, Handling, StopMark
 from sim.drivers.kinds import FrictionPolicy
@@ -328,13 +329,20 @@ class HumanDriver:
         coming = min(allowed, outlook.allowed_mps(cab.s_m + cab.speed_mps * reach_s))
         near = cab.speed_mps + reach_s * max(self._motion.rate_mps2, 0.0) > coming - WATCHED_MPS
         if heeded.view is not None and heeded.by_effort:
-            wanted = presenter_of(heeded.view.presentation).set_by(self, cab, outlook, heeded.view, allowed)
+            if heeded.task in BRAKES and cab.halt_m - cab.s_m <= STOP_BY_EYE_M:
+                wanted = self._by_eye(cab, outlook)
+            else:
+                wanted = presenter_of(heeded.view.presentation).set_by(self, cab, outlook, heeded.view, allowed)
             wanted = min(wanted, handling.held(cab, outlook, coming, ceiling=True)) if near else wanted
         else:
             top_mps, rolls = self._top_mps(cab, outlook), self._by_top_speed
             wanted = handling.under_top(cab, outlook, top_mps, coming if near else allowed, rolls=rolls)
         needed = handling.needed_braking(cab, outlook, reach_s)
         return wanted if needed is None else min(wanted, handling.braked(cab, outlook, needed))
+
+    def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
+        """The setting of a driver who sees the mark, until braking for it is necessary: the present speed is held."""
+        return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
 
     @property
     def _by_top_speed(self) -> bool:
@@ -355,7 +363,7 @@ class HumanDriver:
         target, effort = min(view.shown_speed_mps, allowed_mps), view.lever_ratio
         told = asked(view.mode, target, effort, cab.speed_mps)
         if told is Asked.BRAKE_BY_EYE:
-            return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
+            return self._by_eye(cab, outlook)
         if math.isnan(effort):
             brakes = told is Asked.BRAKE
             effort = self.handling.braked(cab, outlook, self.parameters.braking_mps2) if brakes else 1.0

@@ -185,6 +185,13 @@ def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
     assert settled(replace(BRAKE, speed_mps=19.7), force_n=-0.3 * efforts.brakes_n) == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_human_who_sees_the_mark_brakes_by_eye() -> None:
+    """Told to brake from 10 m/s to a stop: 400 m before the mark with the effort shown, 200 m before it not yet."""
+    stop, force_n = replace(BRAKE, speed_mps=0.0), -0.4 * Efforts.at(10.0, LINE.train).brakes_n
+    assert settled(stop, force_n=force_n, s_m=5600.0, speed_mps=10.0) < -0.3
+    assert settled(stop, force_n=force_n, s_m=5800.0, speed_mps=10.0) > -0.05
+
+
 def test_a_human_never_goes_above_the_limit_for_the_guide() -> None:
     force_n = Efforts.at(20.0, LINE.train).traction_n
     assert settled(replace(TRACTION, speed_mps=30.0), force_n=force_n, limit_mps=20.0) < 0.2
