@@ -19,7 +19,7 @@ from das.domain.vehicle import Vehicle
 from das.offline.refinement import QUICK, refined_runs
 from das.solver.guide.from_run import scheduled_run
 from das.solver.guide.in_time import all_tried
-from das.solver.guide.policies import CHANGE_TIME_S, DEFAULT, GuideFront, GuideRun
+from das.solver.guide.policies import DEFAULT, GuideFront, GuideRun
 from das.solver.guide.references import Finished, References
 from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
@@ -56,7 +56,7 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
 
 def _priced_j(front: GuideFront, run: GuideRun) -> float:
     """The energy of a run and the price of the changes in it (J): changes that gain little should not be shown."""
-    change_j = front.settings.change_s * front.power_w + CHANGE_TIME_S * run.lambda_w
+    change_j = front.settings.change_s * front.power_w
     return run.energy_j + change_j * float(np.count_nonzero(np.diff(run.said)))
 
 

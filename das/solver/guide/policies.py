@@ -42,10 +42,6 @@ STEP_MPS: Final = 5.0 * KMH
 """The step (m/s) of advised speeds; limits are advised exactly."""
 LEAST_MPS: Final = 10.0 * KMH
 """The lowest advised speed (m/s), unless a limit is lower."""
-CHANGE_TIME_S: Final = 0.3
-"""Time (s) whose cost, at the price of time, a change must save too: late trains thus avoid changes of little gain."""
-BRAKE_CHANGES: Final = 1.0
-"""The additional price, in changes, of a brake that no limit requires."""
 LOW_RATIO: Final = 0.001
 """The lowest price of time, as a share of the traction power that can be used on the section."""
 HIGH_RATIO: Final = 2.0
@@ -69,8 +65,7 @@ class PolicySettings:
     """The costs of changes of the instruction, and the resolution of the policies."""
 
     change_s: float = 0.15
-    """The time (s) of the train's full power whose energy a change must save, in addition to the cost of
-    `CHANGE_TIME_S`."""
+    """The time (s) of the train's full power whose energy a change must save."""
     young_s: float = 0.6
     """The value of `change_s` for a change before the present instruction has been shown for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
@@ -184,7 +179,7 @@ class GuideFront:
         goal_mps, _ = falls_to(grid.bounds.envelope_mps, grid.node_m)
         self._grid = GuideGrid(
             grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
-            goal_mps, self._nearest(goal_mps), self.speeds_mps, settings.line_mps,
+            goal_mps, self._nearest(goal_mps), *crests(section), self.speeds_mps, settings.line_mps,
         )  # fmt: skip
         size = 1 + math.ceil(math.log(HIGH_RATIO / LOW_RATIO) / math.log(settings.ladder_ratio))
         self.lambda_w = self.power_w * HIGH_RATIO * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
@@ -236,11 +231,9 @@ class GuideFront:
 
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
-        settings, late_j = self.settings, CHANGE_TIME_S * max(float(self.lambda_w[number]), 0.0)
-        change_j = settings.change_s * self.power_w + late_j
-        young_j = max(settings.young_s * self.power_w + late_j, change_j)
-        brake_j, least_mps = BRAKE_CHANGES * change_j, float(self._least_mps[number])
-        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, brake_j, least_mps)
+        change_s, young_s = self.settings.change_s, max(self.settings.young_s, self.settings.change_s)
+        change_j, young_j = change_s * self.power_w, young_s * self.power_w
+        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, float(self._least_mps[number]))
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.
@@ -373,6 +366,14 @@ def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:
         if envelope_mps[i + 1] < envelope_mps[i] - SAME_MPS:
             goal[i], foot_m[i] = goal[i + 1], foot_m[i + 1]
     return goal, foot_m
+
+
+def crests(section: Section) -> tuple[Floats, Floats]:
+    """The speed from which the envelope falls up to the end of each decision step, and the length (m) of that fall."""
+    envelope, node_m, starts, ends = section.envelope_mps, section.node_m, section.decision[:-1], section.decision[1:]
+    level = np.flatnonzero(np.append(True, envelope[1:] >= envelope[:-1] - SAME_MPS))
+    begins = np.maximum(level[np.searchsorted(level, ends, side="right") - 1], starts)
+    return envelope[begins], node_m[ends] - node_m[begins]
 
 
 def told_speeds(section: Section) -> Floats:

@@ -7,6 +7,7 @@ the speed grid are multiples of `line_mps`; the envelope of each node is an addi
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +63,10 @@ class GuideGrid(NamedTuple):
     """The speed to which the braking curve of each decision node falls."""
     goal_x: NDArray[np.int64]
     """Number of `goal_mps` among the speeds X; -1 for standstill."""
+    crest_mps: NDArray[np.float64]
+    """The speed from which the braking curve falls in each decision step, down to the envelope at its end."""
+    falls_m: NDArray[np.float64]
+    """The length of that fall; 0 if the envelope does not fall at the end of the step."""
     speeds_mps: NDArray[np.float64]
     """The speeds X that may be advised, ascending."""
     line_mps: float
@@ -82,7 +87,7 @@ class GuideMoves(NamedTuple):
 
 
 class GuidePrices(NamedTuple):
-    """Prices of time (W), of a change, of a change before `STANDS_S`, and of an unnecessary brake (J).
+    """Prices of time (W), of a change, and of a change before `STANDS_S` (J).
 
     `least_mps` is the lowest speed to which a new instruction may lead, where the limit is not lower.
     """
@@ -90,7 +95,6 @@ class GuidePrices(NamedTuple):
     time_w: float
     change_j: float
     young_j: float
-    brake_j: float
     least_mps: float
 
 
@@ -134,7 +138,7 @@ def first_above(speeds, v):
 
 
 @kernel
-def column_landing(m, v0, top, step, p):
+def column_landing(m, v0, step, p):
     """The speed after a decision step (length, resistances) in a column of the moves; 0 if it cannot be used."""
     h, g, q = step
     powered = traction_limit(v0, p) > 0.0
@@ -147,18 +151,18 @@ def column_landing(m, v0, top, step, p):
         full = landing_speed(v0, h, 1.0, g, q, p)
         return max(landing_speed(v0, h, SHARES[BACK], g, q, p), min(v0, full))
     rolls = landing_under(0.0, v0, h, g, q, p)
-    if m == FROM_ABOVE:
-        return min(rolls, v0)
-    return min(rolls, top) if m == ON_CURVE else rolls
+    return min(rolls, v0) if m == FROM_ABOVE else rolls
 
 
 @kernel
 def kept_landing(m, v0, v1, envelope, top, last):
     """The speed after a step to v1 within the envelope (`envelope` before it, `top` after); -1 if m cannot continue."""
     if m == ON_CURVE and last:
-        return v1 if v1 >= top - SAME_MPS else -1.0
+        return top if v1 >= top - SAME_MPS else -1.0
     if v1 > top:
-        if m < ROLLS:
+        if m == ON_CURVE:
+            v1 = top
+        elif m < ROLLS:
             v1 = top if v0 <= top + SAME_MPS else -1.0
         elif m < HOLDS:
             # A train that coasts up to a constant limit gets the instruction to hold it.
@@ -166,6 +170,23 @@ def kept_landing(m, v0, v1, envelope, top, last):
         else:
             v1 = -1.0
     return -1.0 if v1 <= 0.0 or (last and v1 < top - SAME_MPS) else v1
+
+
+@kernel
+def curve_energy(v0, v1, k, grid, p, c):
+    """The energy (J) of decision step k from v0 towards v1, until the braking curve is met and followed to its end.
+
+    Braking on the curve is stronger than the mean of the step, and may exceed what the motors give.
+    """
+    line, h, top_w = grid.line, grid.line.step_m[k], grid.envelope_mps[k + 1] ** 2
+    g, q, fall = line.constant_n[k], line.tunnel_n_per_mps2[k], grid.falls_m[k]
+    gains, falls = (v1 * v1 - v0 * v0) / h, (grid.crest_mps[k] ** 2 - top_w) / fall
+    meets = min(max((top_w + falls * h - v0 * v0) / (gains + falls), 0.0), h)
+    at_mps = math.sqrt(max(v0 * v0 + gains * meets, 0.0))
+    energy = step_cost(v0, at_mps, meets, g, q, p, c)[1] if meets > 0.0 else 0.0
+    if meets < h:
+        energy += step_cost(at_mps, math.sqrt(top_w), h - meets, g, q, p, c)[1]
+    return energy
 
 
 @kernel
@@ -183,12 +204,14 @@ def guide_moves(first, last, grid, p, c, row, moves):
                 target[at], landing[at] = -1, -1.0
                 if j > top_line(envelope[k], line_mps) or (v0 <= 0.0 and m >= ROLLS):
                     continue
-                v1 = column_landing(m, v0, top, (h, g, q), here)
+                v1 = column_landing(m, v0, (h, g, q), here)
                 kept = kept_landing(m, v0, v1, envelope[k], top, k == line.step_m.size - 1)
                 if v1 > 0.0:
                     landing[at] = v1 if kept < 0.0 else kept
                 if kept >= 0.0:
                     landing[at], energy[at] = kept, step_cost(v0, kept, h, g, q, here, c)[1]
+                    if m >= ROLLS and v1 > kept + SAME_MPS and grid.falls_m[k] > 0.0:
+                        energy[at] = curve_energy(v0, v1, k, grid, here, c)
                     target[at], weight[at] = between(kept, line_mps, top)
 
 
@@ -327,24 +350,23 @@ def least(begin, end, here, j, m):
 
 
 @compiled(**PART)
-def best_instruction(v0, on_curve, speeds, slowest, brake_j, here, j, spans):
+def best_instruction(v0, on_curve, speeds, slowest, here, j, spans):
     """The least cost of a new instruction on a line to a speed X from number `slowest` on, and that instruction."""
     down, up = first_above(speeds, v0 - NEAR_MPS), first_above(speeds, v0 + NEAR_MPS)
     near = first_above(speeds, v0 - NEAR_MPS - SAME_MPS), first_above(speeds, v0 + NEAR_MPS + SAME_MPS)
     best, which = _BIG, NO_INSTRUCTION
     for m in range(MANNERS):
-        begin, end, extra = 0, down, brake_j if m > ROLLS else 0.0
+        begin, end = 0, down
         if m < ROLLS or m == ROLLS_UP:
-            begin, end, extra = up, spans[m, 1], 0.0
+            begin, end = up, spans[m, 1]
         elif m == HOLDS:
-            begin, end, extra = max(near[0], spans[m, 0]), min(near[1], spans[m, 1]), 0.0
+            begin, end = max(near[0], spans[m, 0]), min(near[1], spans[m, 1])
         begin = max(begin, slowest)
         if m == ON_CURVE:
-            begin, end, extra = 0, 1 if on_curve else 0, 0.0
+            begin, end = 0, 1 if on_curve else 0
         lowest = least(begin, end, here, j, m)
-        cost = lowest + extra
-        if cost < best:
-            best = cost
+        if lowest < best:
+            best = lowest
             for x in range(begin, end):
                 if here[j, m, 0, x] + here[j, m, 1, x] <= lowest:
                     which = x * CODE + m
@@ -394,7 +416,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
             put_costs(k, i, j, v0, grid, train, c, moves, prices.time_w, ahead, here, spans)
             rolls_into = top < v0 - SAME_MPS and moves.landing_mps[i, j, FROM_ABOVE] > top - SAME_MPS
             on_curve = rolls_into or k == n - 1
-            best, which = best_instruction(v0, on_curve, grid.speeds_mps, slowest, prices.brake_j, here, j, spans)
+            best, which = best_instruction(v0, on_curve, grid.speeds_mps, slowest, here, j, spans)
             if best >= _REACHED:
                 here[j, :, 0], here[j, :, 1] = _BIG, 0.0
                 continue

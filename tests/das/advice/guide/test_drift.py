@@ -116,7 +116,7 @@ def test_a_reserve_is_bought_up_to_its_price_and_no_further(monkeypatch: pytest.
     """On the middle section with a buffer of 5 % a second of it soon costs a quarter of the power."""
     goal = goal_of(LINE, 0.05)
     kept = stood(waiting(LINE, goal, loses=True), LINE, goal)
-    assert kept.reference.lambda_w <= 1.03 * policies.DEAREST_RATIO * usable_power_w(section_of(LINE))
+    assert kept.reference.lambda_w <= 1.03**2 * policies.DEAREST_RATIO * usable_power_w(section_of(LINE))
     took_s = [stood(waiting(LINE, goal, loses=loses), LINE, goal).forecast.time_s for loses in (False, True)]
     monkeypatch.setattr(policies, "DEAREST_RATIO", 2.0)
     took_s.append(stood(keeper_of(LINE, loses=True), LINE, goal).forecast.time_s)
