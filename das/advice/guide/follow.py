@@ -13,6 +13,7 @@ from das.advice.advice import Instruction
 from das.advice.braking import LEAST_MPS2, NeededBrake
 from das.advice.guide.guard import (
     LEAST_LEAD_S,
+    LESS_RATIO,
     SHORT_M,
     STEP_RATIO,
     Proposal,
@@ -43,8 +44,6 @@ BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that ends within `BRIEF_S` (s) at a brake must gain at least `GAINS_S` (s), because drivers gain less
 than forecast. A brake for the stop is released for at least `BRIEF_S`, except when even the smallest effort brakes too
 much."""
-EARLY_RATIO = 0.5
-"""Share of the planned braking effort; if less than that is still needed, coasting or creeping replaces the brake."""
 CREEP_MPS = 10.0 * KMH
 """The lowest speed (m/s) at which a train creeps to its stop."""
 
@@ -95,10 +94,14 @@ def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     return _holding(scene, memory, step)
 
 
+def _rolls_up(scene: Sight, step: GuideStep) -> bool:
+    """Whether the train coasts to a higher speed in a step of the plan."""
+    return step.kind is InstructionKind.COAST and scene.schedule.speed_at(step.from_m) < step.speed_mps - SAME_MPS
+
+
 def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
     """Whether a train that coasts to a higher speed has reached it, possibly sooner than planned."""
-    begins_mps = scene.schedule.speed_at(step.from_m)
-    return begins_mps < step.speed_mps - SAME_MPS and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
+    return _rolls_up(scene, step) and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
 
 
 def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
@@ -222,6 +225,8 @@ def _leads(scene: Sight, step: GuideStep, from_m: float, v_mps: float) -> _Leads
     ahead, state, section, end_m = scene.ahead, scene.state, scene.schedule.section, _by_m(scene, step)
     rolled_mps = ahead.rolling_mps(from_m, v_mps)
     rolled_mps = np.minimum(rolled_mps, section.limit_mps[-len(rolled_mps) :])
+    if _rolls_up(scene, step):  # Coasting ends at the speed of the step, even if that is reached sooner than planned.
+        rolled_mps = np.minimum(rolled_mps, max(step.speed_mps, v_mps))
     at_m = np.append(from_m, section.node_m[-len(rolled_mps) :])
     passes_mps = np.append(v_mps, rolled_mps)
     brakes_m = max(ahead.curve_begins_m(from_m, rolled_mps) - state.ahead_m, state.s_m)
@@ -266,7 +271,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
         in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
-    if in_s <= 0.0 and need < EARLY_RATIO * planned_effort(scene, step):
+    if in_s <= 0.0 and need < LESS_RATIO * planned_effort(scene, step):
         back = _eased(scene, memory, step, need)
         if back is not None:
             mode = Lead.BACK_DOWN if slows else Lead.CREEP

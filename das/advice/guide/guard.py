@@ -41,8 +41,8 @@ GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
 LACKS_RATIO = 0.05
 """Largest missing share of the effort with which the effort for a stop stays: drivers stop by eye."""
-LESS_RATIO = 0.6
-"""Least ratio of needed to shown effort with which the latter stays: drivers ease the brake themselves."""
+LESS_RATIO = 0.5
+"""Least ratio of needed to shown or planned effort with which a brake stays: drivers ease the brake themselves."""
 SAME_EFFORT = 1e-3
 Floats = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ from das.advice.guide.follow import (
 )
 from das.advice.guide.guard import (
     BRAKE_LEAD_S,
+    LESS_RATIO,
     SHORT_M,
     SOONER_S,
     STEP_RATIO,
@@ -223,7 +224,7 @@ class Showing:
         needed = scene.ahead.needed(state.braked_m, state.v_mps)
         same = abs(needed.target_mps - shown.speed_mps) < SAME_MPS
         is_due = scene.ahead.is_due(state.braked_m, state.v_mps, STANDS_S)
-        if same and is_due and needed.effort > -0.5 * shown.effort_ratio:
+        if same and is_due and needed.effort > -LESS_RATIO * shown.effort_ratio:
             return braked(scene, memory, needed, mode=Lead.GUARD)
         return one
 

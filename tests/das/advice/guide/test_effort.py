@@ -70,7 +70,7 @@ def test_an_effort_that_is_enough_stands_until_far_less_is_needed() -> None:
     state = at(900.0, 100)
     assert shows(board(0.5), state, kept=0.5) == 0.5
     assert shows(board(0.5 * LESS_RATIO + 0.01), state, kept=0.5) == 0.5
-    assert shows(board(0.5 * LESS_RATIO - 0.01), state, kept=0.5) == pytest.approx(0.3)
+    assert shows(board(0.5 * LESS_RATIO - 0.01), state, kept=0.5) == pytest.approx(0.25)
 
 
 def test_an_effort_does_not_fall_before_its_brake_begins_nor_shortly_before_its_speed() -> None:
