@@ -38,7 +38,7 @@ from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.cab.withdrawal import Trust, decide
 from das.domain.conditions import Conditions
-from das.domain.errors import DasError
+from das.domain.errors import DasError, raise_interruption
 from das.domain.route import Stop
 from das.domain.units import NS
 from das.estimate.calibration import Calibrator
@@ -255,6 +255,7 @@ class Cab:
 
     def _unforeseen(self, error: Exception) -> str:
         """Report an unforeseen error and where it occurred; returns the reported text."""
+        raise_interruption(error)
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_REASON]
         text = f"internal error: {what} ({Path(place.filename).name}:{place.lineno})"

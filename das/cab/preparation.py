@@ -24,7 +24,7 @@ from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
-from das.domain.errors import DasError, RunawayError
+from das.domain.errors import DasError, RunawayError, raise_interruption
 from das.domain.units import NS
 from das.solver import tolerances as tol
 from das.solver.front import Front
@@ -362,6 +362,7 @@ class Preparation:
         except DasError as error:
             refusal = str(error)
         except Exception as error:  # A thread must not end unnoticed: withdrawing the advice is better.
+            raise_interruption(error)
             refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
         return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
 
@@ -370,6 +371,7 @@ class Preparation:
         try:
             return self._fronts.find_guide(section, s_m)
         except Exception as error:  # Advice without a guide is better than a thread that ends unnoticed.
+            raise_interruption(error)
             return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 

@@ -74,6 +74,15 @@ def one_of(known: Iterable[str], name: object, kind: str = "") -> str:
     return f"{new}, as {name} is now called" if new is not None else f"one of {kind}{', '.join(known)}"
 
 
+def raise_interruption(error: BaseException) -> None:
+    """Raise KeyboardInterrupt if it caused an error: Ctrl-C in a call of compiled code surfaces as SystemError."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+        cause = cause.__cause__ or cause.__context__
+
+
 def is_seen(text: str) -> bool:
     """Whether a text can be printed on one line: it has no control characters or line breaks."""
     return not any(unicodedata.category(character) in _UNSEEN for character in text)

@@ -518,6 +518,13 @@ def test_a_failing_last_word_withdraws_the_advice(monkeypatch: pytest.MonkeyPatc
     monkeypatch.undo()
     assert driven.tick(52).cause == Cause.NONE
 
+    def interrupted(*_: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(LastWord, "judge", interrupted)
+    with pytest.raises(KeyboardInterrupt):  # Ctrl-C in compiled code is no failure.
+        driven.tick(53)
+
 
 def test_a_force_that_is_no_number_does_not_leave_the_cab(monkeypatch: pytest.MonkeyPatch) -> None:
     driven = DrivenNode()

@@ -99,6 +99,17 @@ def test_a_search_that_fails_withdraws_with_the_reason() -> None:
     assert (advice.mode, advice.reason.text) == (Regime.NONE, "solving failed (MemoryError: no room)")
 
 
+def test_ctrl_c_in_compiled_code_is_no_failure_of_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python turns it into a SystemError that it caused."""
+
+    def interrupted(*_: object) -> None:
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr(Fronts, "find", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        at(trip(), 60, 1500.0, 24.0)
+
+
 class Flaky(Fronts):
     """Fronts that are found while there is `room`; `asked` counts the searches."""
 
