@@ -47,6 +47,7 @@ class RecorderOptions:
         typer.Option(
             "--start-ns",
             metavar="NS",
+            min=0,
             help="The run's clock before its first Control message, ns since 1970 [default: the time of day].",
         ),
     ] = None

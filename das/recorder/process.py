@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 from das import __version__
@@ -89,32 +90,28 @@ def _bus(options: RecorderOptions) -> tuple[Bus, str]:
 def _record(options: RecorderOptions, made: Bus, where: str, out: Path, stop: StopFlag) -> None:
     attachments = [(path, _content(path)) for path in options.attach or ()]
     metadata = _metadata(options)
-    file = RecordingFile(_place(out, options))
     # A program that starts a recorder reports to the user itself.
     signs = LifeSigns(options.place.train, tell=say if options.with_parent is None else lambda _text: None)
-    try:
+    with made as bus, closing(RecordingFile(_place(out, options))) as file:
         for path, content in attachments:
             file.add_attachment(path.name, "application/octet-stream", content)
         file.add_metadata("run", metadata)
         file.flush()
-        with made as bus:
-            signs.say(f"{where}, recording to {file.path} until Ctrl-C")
-            recorder = Recorder(bus, file, options.start_ns)
-            while not stop.stopped:
-                received = bus.receive(LISTENS_S)
-                if received is not None:
-                    recorder.take(received)
-                    signs.take(received)
-                file.flush_if_due()
-                recorder.report_if_due()
-                signs.look(file.messages)
-            while (received := bus.receive(0)) is not None:
+        signs.say(f"{where}, recording to {file.path} until Ctrl-C")
+        recorder = Recorder(bus, file, options.start_ns)
+        while not stop.stopped:
+            received = bus.receive(LISTENS_S)
+            if received is not None:
                 recorder.take(received)
-            if bus.dropped:
-                file.add_metadata(RECORDER.name, {"dropped": str(bus.dropped)})
-                print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
-    finally:
-        file.close()
+                signs.take(received)
+            file.flush_if_due()
+            recorder.report_if_due()
+            signs.look(file.messages)
+        while (received := bus.receive(0)) is not None:
+            recorder.take(received)
+        if bus.dropped:
+            file.add_metadata(RECORDER.name, {"dropped": str(bus.dropped)})
+            print(f"{bus.dropped} messages were not recorded: too many at once", file=sys.stderr)
     signs.say(f"{file.messages} messages in {file.path}")
 
 

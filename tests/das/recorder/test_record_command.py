@@ -58,6 +58,15 @@ def test_a_session_is_recorded_beside_what_is_there_already(tmp_path: Path) -> N
     assert [one.name for one in recording.attached] == ["route.toml"]
 
 
+def test_a_recorder_that_cannot_start_leaves_an_earlier_recording_as_it_is(tmp_path: Path) -> None:
+    (port,), out = free_ports(1), tmp_path / "earlier.mcap"
+    out.write_bytes(b"mine")
+    with Bus("T1", listen=endpoint(port)):
+        said = refused("das.recorder", "--overwrite", "--out", str(out), "--listen", endpoint(port))
+    assert "cannot open" in said
+    assert out.read_bytes() == b"mine"
+
+
 def send_and_record(out: Path, ticks: int) -> None:
     """Let a recorder hear positions and ticks, and end it by SIGTERM."""
     ours, theirs = (endpoint(port) for port in free_ports(2))
