@@ -126,18 +126,19 @@ def print_tables(folder: Path, *, as_json: bool) -> None:
         _facts(table) if table else {"name": path.name, "problem": problem, "size_bytes": 0}
         for path, table, problem in _checked(paths)
     ]
-    size_bytes = sum(row["size_bytes"] for row in rows)
+    size_bytes, problems = sum(row["size_bytes"] for row in rows), [row["problem"] for row in rows if row["problem"]]
+    if problems and not folder.is_dir():
+        raise DasError(problems[0])
     if as_json:
         print(json.dumps({"tables": rows, "size_bytes": size_bytes}, ensure_ascii=False))
-        return
-    if whole := [row for row in rows if not row["problem"]]:
-        print(folder)
-        print_table(_printed(whole))
-        print(LEGEND)
-    for row in rows:
-        if row["problem"]:
-            print(row["problem"])
-    print(f"{len(rows)} tables, {size_bytes / MEGABYTE:.1f} MB")
+    else:
+        if whole := [row for row in rows if not row["problem"]]:
+            print(folder)
+            print_table(_printed(whole))
+            print(LEGEND)
+        print(*problems, f"{len(rows)} tables, {size_bytes / MEGABYTE:.1f} MB", sep="\n")
+    if problems:
+        raise typer.Exit(EXIT_SOME_FAILED)
 
 
 def _checked(paths: Sequence[Path]) -> Iterator[tuple[Path, Table | None, str | None]]:

@@ -33,6 +33,7 @@ from tests.das.domain.files.refusing import refused
 from tests.support import small_tables
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_precompute, flat, in_a_process, printed, started, wait_until
+from tests.support.making import refused as refused_command
 
 SMALL = TableSettings(buffers_percent=(0.0, 10.0), with_max=False, refined=False, proven=0)
 HEAD = "schema_version = 1\n"
@@ -260,6 +261,8 @@ def test_a_build_reports_keeps_and_replaces(tmp_path: Path) -> None:
     assert checked.returncode == 1
     assert "not valid JSON" in checked.stdout
     assert "1 of 2 tables are whole" in checked.stdout
+    assert in_a_process("precompute.cli", "show", "tables", cwd=tmp_path).returncode == 1
+    assert "not valid JSON" in refused_command(tmp_path, "show", f"tables/{damaged.name}")
 
 
 BENCHMARK = ("CH_Stadler_FLIRT_TPF", "CH_Stadler_KISS_SBB", "CN_Beijing_Subway", "NL_Intercity_VIRM6")
