@@ -350,7 +350,13 @@ def run_command(main: Callable[[], object]) -> None:
 
 
 def _replace_unprintable_letters() -> None:
-    """Print a question mark for each character (–, λ, ü) that the terminal's encoding lacks, rather than fail."""
+    """Print a question mark for each character (–, λ, ü) that the terminal's encoding lacks, rather than fail.
+
+    If a stream is closed (`>&-`), what would be printed is dropped.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, io.StringIO())
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

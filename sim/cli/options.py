@@ -86,14 +86,20 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 @contextmanager
 def naming_recorded(*files: Path | None) -> Iterator[None]:
-    """Print which of the recordings already have content if the block is interrupted."""
+    """Print which of the recordings the block has written to if it is interrupted."""
+    before = [_written_ns(one) for one in files]
     try:
         yield
     except KeyboardInterrupt:
-        begun = [str(one) for one in files if one is not None and one.is_file() and one.stat().st_size > 0]
+        begun = [str(one) for one, ns in zip(files, before, strict=True) if _written_ns(one) not in (None, ns)]
         if begun:
             print(f"recorded so far: {', '.join(begun)}", file=sys.stderr)
         raise
+
+
+def _written_ns(path: Path | None) -> int | None:
+    """The time (ns) at which a file was last written; None for an empty or missing one."""
+    return path.stat().st_mtime_ns if path is not None and path.is_file() and path.stat().st_size > 0 else None
 
 
 def check_packages(extra: str, *names: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,14 +15,20 @@ from sim.cli.options import naming_recorded, new_recording, tell_energy_range
 from sim.cli.trips import first_minute
 
 
+def _interrupted(path: Path) -> None:
+    path.write_bytes(b"something")
+    raise KeyboardInterrupt
+
+
 def test_an_interrupt_names_only_recordings_in_which_there_is_something(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    empty, begun = tmp_path / "empty.mcap", tmp_path / "begun.mcap"
+    empty, begun, earlier = (tmp_path / f"{name}.mcap" for name in ("empty", "begun", "earlier"))
     empty.touch()
-    begun.write_bytes(b"something")
-    with pytest.raises(KeyboardInterrupt), naming_recorded(empty, None, tmp_path / "none.mcap", begun):
-        raise KeyboardInterrupt
+    earlier.write_bytes(b"of yesterday")
+    os.utime(earlier, (1e9, 1e9))
+    with pytest.raises(KeyboardInterrupt), naming_recorded(empty, None, tmp_path / "none.mcap", begun, earlier):
+        _interrupted(begun)
     assert capsys.readouterr().err == f"recorded so far: {begun}\n"
     with pytest.raises(KeyboardInterrupt), naming_recorded(empty):
         raise KeyboardInterrupt
