@@ -251,7 +251,7 @@ def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) 
     said = _WORDS[language]
     text = said.reasons.get(reason.code, "").format(
         kmh=f"{reason.speed_mps / KMH:.0f}",
-        km=f"{reason.at_m / KM:.1f}",
+        km=f"{reason.at_m / KM:.1f}".replace(".", "." if language is Language.EN else ","),
         clock=f"{datetime.fromtimestamp(reason.time_ns * NS, zone):%H:%M:%S}",
         deviation=deviation(reason.late_s, language),
         at_stop=said.at_stop.format(stop=reason.stop) if reason.stop else "",

@@ -112,6 +112,8 @@ class RecordedDriver:
         efforts = Efforts.at(cab.speed_mps, self.line.train)
         top_mps, most_n = _told(self.read, cab.speed_mps, efforts)
         force_n = min(self.own.wanted_force_n(cab.s_m, cab.speed_mps, LOOK_S, top_mps), most_n)
+        if cab.s_m >= cab.halt_m:  # Beyond the mark the train must stand.
+            force_n = min(force_n, -self.line.train.inertial_mass_kg * self.own.style.braking_mps2)
         return lever(efforts.lever_ratio(force_n))
 
 

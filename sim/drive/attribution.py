@@ -291,9 +291,9 @@ def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optim
 
 
 def even_edges(first_m: float, last_m: float) -> Floats:
-    """The ends of the leg and every full 100 m between them (m)."""
+    """The ends of the leg and every full 100 m between them (m), none closer to an end than half of that."""
     inside_m = np.arange(np.ceil(first_m / PLACE_M), np.floor(last_m / PLACE_M) + 1) * PLACE_M
-    kept = inside_m[(inside_m > first_m + 1.0) & (inside_m < last_m - 1.0)]
+    kept = inside_m[(inside_m > first_m + PLACE_M / 2.0) & (inside_m < last_m - PLACE_M / 2.0)]
     return np.concatenate(([first_m], kept, [last_m]))
 
 

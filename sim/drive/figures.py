@@ -55,7 +55,7 @@ class AdviceStability:
         """The warning about restless advice; None if the advice was stable."""
         found = []
         if self.changes_per_min > MOST_CHANGES_PER_MIN:
-            found.append(f"{self.changes_per_min:.1f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
+            found.append(f"{self.changes_per_min:.2f} changes a minute (more than {MOST_CHANGES_PER_MIN:g})")
         if self.shortest_mode_s < SHORTEST_MODE_S:
             found.append(f"a mode that lasted {self.shortest_mode_s:.0f} s (less than {SHORTEST_MODE_S:g} s)")
         return f"the advice shown was restless: {' and '.join(found)}" if found else None

@@ -124,15 +124,18 @@ def named(axis: Any, *, x: str = "", y: str = "") -> None:
         axis.set_ylabel(y, color=INK, fontsize=TEXT_POINTS)
 
 
-def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4) -> None:
-    """Draw the legend, of the curves or of `patches` (name → colour), above the axes, where it covers no curve."""
+def page_legend(axis: Any, patches: Mapping[str, str] | None = None, *, columns: int = 4, at: float = 1.0) -> None:
+    """Draw the legend, of the curves or of `patches` (name → colour), above the axes, where it covers no curve.
+
+    `at` is its place as a multiple of the axes' height.
+    """
     looks: dict[str, Any] = {"ncols": columns, "borderaxespad": 0.2, "handlelength": 2.4}
     if patches is not None:
         handles = [Patch(color=color, label=name) for name, color in patches.items()]
         looks = {"handles": handles, "ncols": 8, "borderaxespad": 0.1, "handlelength": 1.0, "columnspacing": 1.2}
     if patches is not None or axis.get_legend_handles_labels()[0]:
         axis.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
+            loc="lower left", bbox_to_anchor=(0.0, at), frameon=False, fontsize=TEXT_POINTS, labelcolor=INK, **looks
         )
 
 
@@ -187,7 +190,7 @@ def comparison_figure(aligned: AlignedDrives) -> Figure:
         modes |= lane_rows(axis, [lane], int(course.time_ns[-1]), along)
         axis.set_title(on_track.label, loc="right", color=INK, fontsize=TEXT_POINTS, pad=2.0)
     if modes:
-        page_legend(told[0], modes)
+        page_legend(told[0], modes, at=1.6)  # above the name of the drive
     for axis in (time, energy):
         axis.axhline(0.0, color=COMPARED[0], linewidth=1.0)
     legs = aligned.drives[0].drive.energy.legs
@@ -210,7 +213,7 @@ HEIGHTS_IN: Final = {"speed": 3.2, "modes": 0.22, "deviation": 1.0, "apart": 1.1
 """Heights (in) of the axes over distance by their quantities, and of a lane of modes."""
 FIRST_IN: Final = (7.2, 1.4, 0.4)
 """Width of the picture on the first page, and heights of its axes (in): as on paper, so that words are readable."""
-NUMBERS_AT: Final = (1.18, 1.12, 1.06)
+NUMBERS_AT: Final = (1.48, 1.3, 1.12)
 """Heights of the numbers of the findings, as multiples of the highest speed."""
 LEAST_SHARE: Final = 0.004
 """Least width of a drawn finding, as a share of the axis."""
@@ -237,7 +240,7 @@ def first_figure(scene: ReviewScene, found: Sequence[DriveFinding]) -> Figure:
             axis.get_lines()[-1].set_linestyle((0, (4.0, 1.2)))
     _restrictions(axis, scene)
     top_kmh = max((scene.extent("speed") or (0.0, 0.0))[1], 1.0)
-    axis.set_ylim(0.0, 1.24 * top_kmh)
+    axis.set_ylim(0.0, 1.6 * top_kmh)
     reach_km = (axis.get_xlim()[1] - axis.get_xlim()[0]) * LEAST_SHARE
     for number, one in enumerate(found, start=1):
         for place in one.places:

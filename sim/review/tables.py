@@ -158,7 +158,7 @@ def cause_rows(attribution: Attribution) -> list[Row]:
         {
             "label": cause.label,
             "kwh": kwh_figure(energy_j, signed=True),
-            "share": f"{energy_j / whole_j:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
+            "share": f"{round(energy_j / whole_j, 2) + 0.0:.0%}" if kwh(abs(whole_j)) >= 1.0 else "",
             "time": "" if cause in always else minutes(lasted.get(cause, 0.0)),
             "meaning": cause.meaning,
         }

@@ -183,7 +183,7 @@ class Stations:
     def start_recorder(self) -> Process:
         """Start the recorder of the run."""
         processes = self._processes
-        metadata = {**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments)}
+        metadata = {**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments, ensure_ascii=False)}
         arguments = [*self._place(1, Role.RECORDER), "--out", str(processes.out), "--overwrite"]
         arguments += ["--metadata", json.dumps(metadata), "--start-ns", str(processes.start_ns)]
         for path in processes.attachments:

@@ -152,7 +152,7 @@ def _describe(file: RecordingFile, origin: Origin, cab: CabOtherwise) -> None:
 def _run(origin: Origin, given: NodeGiven, new: Otherwise, plan: CabPlan) -> dict[str, str]:
     """The metadata of the run, with the changes of the what-if and the arguments of a node that has these changes."""
     run = {**origin.run, **origin.metadata(WhatIfKind.OPEN_LOOP, new)}
-    run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed)}
+    run |= {"version": __version__, NODE_ARGUMENTS: json.dumps(given.typed, ensure_ascii=False)}
     if new.cab.level is not None:
         run["level"] = str(new.cab.level)
     if new.cab.vehicle is not None:

@@ -151,7 +151,7 @@ def test_restless_advice_is_told_and_calm_advice_is_not() -> None:
     assert short.warning == "the advice shown was restless: a mode that lasted 7 s (less than 8 s)"
     assert told(short)["advice_restless"] is True
     often = found([Shown(H, speed) for speed in (50, 51, 52, 53) for _ in range(20)])
-    assert often.warning == "the advice shown was restless: 2.3 changes a minute (more than 2)"
+    assert often.warning == "the advice shown was restless: 2.28 changes a minute (more than 2)"
     nothing = told(found([None] * 5))
     assert (nothing["advice_changes_per_min"], nothing["shortest_mode_s"]) == (None, None)
     json.dumps(nothing, allow_nan=False)
