@@ -68,7 +68,7 @@ POINTS = [(ROUTE, LOCAL, 0.04), (ROUTE, LOCAL, 0.15), (ROUTE, HEAVY, 0.06), (FAL
 NAMES = ["local 4 %", "local 15 %", "heavy 6 %", "friction 8 %", "steep 8 %"]
 LATE_S, MOST_RATIO = 2.0, 0.03
 """A change that gains less than `LATE_S` may not be worth making. Few changes on so short a line cost up to 3 %; with a
-price of 0.08 s and no price of its time they cost up to 1 %, and twice as many are made."""
+price of 0.08 s they cost up to 0.3 %, and twice as many are made."""
 at_points = pytest.mark.parametrize(("route", "train", "buffer_ratio"), POINTS, ids=NAMES)
 
 
@@ -118,7 +118,7 @@ def test_a_run_is_in_time_and_hardly_above_the_exact_optimum(route: Route, train
 
 
 @at_points
-def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
+def test_with_a_low_price_of_changes_a_run_is_within_3_thousandths_of_the_optimum(
     route: Route, train: Vehicle, buffer_ratio: float
 ) -> None:
     section, _, exact = solved(route, train)
@@ -126,7 +126,7 @@ def test_with_a_low_price_of_changes_a_run_is_within_a_hundredth_of_the_optimum(
     time_s = least_time_s(section, section.start_m, 0.0) * (1.0 + buffer_ratio)
     run, _ = in_time(front, State.at(section), time_s)
     optimum = exact.trajectory(run.time_s).trajectory
-    assert run.energy_j <= 1.01 * float(optimum.input_j(optimum.loss_j(section.loss)).sum())
+    assert run.energy_j <= 1.003 * float(optimum.input_j(optimum.loss_j(section.loss)).sum())
 
 
 @at_points
