@@ -84,7 +84,8 @@ def wanted(scene: Sight, memory: Memory) -> tuple[Proposal, Memory]:
 def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, Memory]:
     if step.kind is InstructionKind.BRAKE and not memory.reached:
         return _braking(scene, memory, step)
-    if step.kind is InstructionKind.COAST and scene.state.s_m < step.by_m and not _has_rolled_up(scene, step):
+    has_rolled_up = _rolls_up(scene, step) and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
+    if step.kind is InstructionKind.COAST and scene.state.s_m < step.by_m and not has_rolled_up:
         return coasting(scene, memory.shown, memory.step), memory
     if step.kind is InstructionKind.TRACTION and not memory.reached:
         to_mps = reachable_mps(scene, memory.step)
@@ -97,11 +98,6 @@ def _of_step(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
 def _rolls_up(scene: Sight, step: GuideStep) -> bool:
     """Whether the train coasts to a higher speed in a step of the plan."""
     return step.kind is InstructionKind.COAST and scene.schedule.speed_at(step.from_m) < step.speed_mps - SAME_MPS
-
-
-def _has_rolled_up(scene: Sight, step: GuideStep) -> bool:
-    """Whether a train that coasts to a higher speed has reached it, possibly sooner than planned."""
-    return _rolls_up(scene, step) and scene.state.v_mps > step.speed_mps - SAME_READING_MPS
 
 
 def _is_back(scene: Sight, memory: Memory, step: GuideStep) -> bool:
