@@ -23,15 +23,14 @@ Floats = NDArray[np.float64]
 STOP_SLACK_M = 1.0
 """Largest distance beyond a stop (m) at which braking may end: the driver finds the mark by eye."""
 SPEED_SLACK_MPS = 0.2
-"""Largest excess over a lower limit (m/s) at which braking may end: a driver cannot read a smaller difference."""
-ABOVE_MPS = 0.2
-"""Largest excess (m/s) over the planned speed at which a train need not brake."""
+"""Largest excess (m/s) over the planned speed at which a train need not brake, and over a lower limit at which braking
+may end: a driver cannot read a smaller difference."""
 LEVEL_MPS = 1e-6
 """Decrease (m/s) of the speed over an interval below which a braking curve counts as level."""
 BEGINS_MPS = 0.05
 """Decrease (m/s) of the speed ahead above which a braking curve counts as falling."""
 BACK_IN_S = 4.0
-"""Time (s) in which a train above a limit is braked back to it."""
+"""Time (s) in which the force of an instruction leads to its speed; longer than the validity of advice."""
 LEAST_MPS2 = 0.02
 """Deceleration (m/s²) below which it is too early to brake for a lower speed ahead."""
 BRAKED_MORE = 1.1
@@ -101,7 +100,7 @@ class BrakingAhead:
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will exceed a braking curve ahead within a time (s)."""
         least_mps = self.lowest_mps(s_m, v_mps * within_s)
-        if v_mps <= least_mps + ABOVE_MPS:
+        if v_mps <= least_mps + SPEED_SLACK_MPS:
             return False
         falls = self._falls[kernels.interval(self.section.node_m, s_m)]
         return bool(falls or least_mps < self.lowest_mps(s_m) - BEGINS_MPS)
@@ -130,7 +129,7 @@ class BrakingAhead:
         nodes, envelope, first = self.section.node_m, self.section.envelope_mps, len(self._planned_w) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
-        reached = int(kernels.meets_curve(above_mps, ABOVE_MPS, speeds_mps, envelope, self._planned_w))
+        reached = int(kernels.meets_curve(above_mps, SPEED_SLACK_MPS, speeds_mps, envelope, self._planned_w))
         if reached < 0:
             return max(float(nodes[-2]), s_m)
         # Squares of speeds are linear in the distance.

@@ -10,13 +10,13 @@ import numpy as np
 
 from das.advice import kernels, wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
-from das.advice.braking import ABOVE_MPS, BRAKED_MORE, braking_mode
+from das.advice.braking import BRAKED_MORE, SPEED_SLACK_MPS, braking_mode
 from das.advice.goal import DEVIATION_NAMED_S, Goal, SpeedsAllowed, TrainState
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, Regime, departure_regime
-from das.advice.shown import OVERSPEED_MPS, lever_ratio, steady_step, step_below
+from das.advice.shown import OVERSPEED_MPS, REACTS_S, lever_ratio, steady_step, step_below
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.solver.solution import Fit
@@ -30,14 +30,10 @@ MISSED_NAMED_S: Final = 1.0
 """Delay after a point's window (s) from which the reason mentions it."""
 LEAST_FOR_BUFFER_S: Final = 10.0
 """Shortest remaining driving time (s) for which a buffer ratio is given; for a shorter one it is meaningless."""
-LATE_S = 2.0
-"""Longest time (s) that a driver may take to follow what is shown."""
 NEXT_S = 1.0
 """Time (s) until the next advice; a brake that is due by then is shown now."""
 GAINS_MPS2 = 0.1
 """Acceleration (m/s²) below which the speed gained until the driver acts is negligible."""
-AT_FOOT_MPS = 0.5
-"""Excess over the allowed speed (m/s), just before a lower limit, above which a train must use all of its brakes."""
 STANDING: Final[dict[str, Any]] = {
     **dict.fromkeys(("display_speed_mps", "advised_speed_mps", "advised_force_n", "advised_force_ratio"), 0.0),
     **dict.fromkeys(("horizon_speed_mps", "horizon_force_n"), (0.0,) * HORIZON_S),
@@ -325,7 +321,7 @@ def braked_enough(
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
     if pulls:
         # A driver who starts the next brake late must not be too fast by then.
-        until_s = NEXT_S + LATE_S
+        until_s = NEXT_S + REACTS_S
         if not ahead.is_due(state.braked_m, state.v_mps + gained_mps2 * until_s, until_s):
             # A driver who cuts off traction late must not be above the limit by then.
             room_mps2 = max(min(planner.limit_mps(state.s_m), allowed_mps) - state.v_mps, 0.0) / until_s
@@ -335,11 +331,11 @@ def braked_enough(
     rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
     back = too_fast or rolls_above
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0
-    above = too_fast or pulls or state.v_mps > planned_mps + ABOVE_MPS
-    within_s, more_ratio = (LATE_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
+    above = too_fast or pulls or state.v_mps > planned_mps + SPEED_SLACK_MPS
+    within_s, more_ratio = (REACTS_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
-    elif state.v_mps > allowed_mps + AT_FOOT_MPS and allowed_mps < planner.limit_mps(state.s_m):
+    elif state.v_mps > allowed_mps + OVERSPEED_MPS and allowed_mps < planner.limit_mps(state.s_m):
         effort = ahead.largest(state.s_m, state.v_mps)
     needed_n = ahead.force_n(more_ratio * effort, state.s_m, state.v_mps)
     return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, NamedTuple
 
-from das.advice.shown import OVERSPEED_ENDS_MPS, OVERSPEED_MPS
+from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS
 from das.domain.errors import DasError
 from das.domain.journey import Window
 from das.domain.units import NS
@@ -18,8 +18,6 @@ AT_END_M: Final = 1.0
 """Last distance (m) before the end of the section, over which no plan is made: the train is to stop."""
 AT_STOP_M: Final = 50.0
 """Distance (m) from a stop within which a standing train is at it; a train further beyond has run past it."""
-COASTS_IN_S: Final = 5.0
-"""Time (s) within which coasting down to a limit is advised; otherwise the limit is held, or the train brakes."""
 UNHURRIED_S: Final = 0.5
 """Planned lateness (s) of an arrival: recovering the time of effort build-up would cost 0.4 % of energy on 6 km."""
 DEVIATION_NAMED_S: Final = 5.0
@@ -71,7 +69,7 @@ class SpeedsAllowed(NamedTuple):
 
 def is_too_fast(excess_mps: float, *, told: bool) -> bool:
     """Whether a driver is warned of an excess over the allowed speed (m/s); `told`: the warning is already shown."""
-    return excess_mps > (OVERSPEED_ENDS_MPS if told else OVERSPEED_MPS)
+    return excess_mps > (SAME_READING_MPS if told else OVERSPEED_MPS)
 
 
 @dataclass(frozen=True, kw_only=True)

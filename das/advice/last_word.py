@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from das.advice import last_word_kernels as kernels
 from das.advice.advice import Advice, Cause, Guidance, Instruction, Source
 from das.advice.reason import NO_REASON, Reason, ReasonCode
-from das.advice.regimes import BRAKES, Regime
+from das.advice.regimes import BRAKES, FULL_RATIO, Regime
 from das.advice.shown import SAME_READING_MPS, step_below, target_below
 from das.domain.conditions import Conditions
 from das.domain.restriction import Restriction
@@ -47,8 +47,6 @@ HELD_ABOVE_MPS = 1.0
 """Largest excess (m/s) over the allowed speed at which advice to hold a lower speed, not to brake, is safe."""
 BACK_IN_S = 5.0
 """Time (s) in which strong enough braking brings a train back under a limit."""
-FULL_RATIO = 0.97
-"""Share of the full braking force from which braking counts as full: no stronger braking can be required."""
 FORCE_RATIO = 1.02
 """Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0

@@ -9,7 +9,8 @@ from typing import Final, NamedTuple
 from das.advice.advice import Advice, Cause
 from das.advice.goal import AT_STOP_M
 from das.advice.regimes import BRAKES, Regime
-from das.domain.units import KMH, NS
+from das.advice.shown import TARGET_STEP_MPS
+from das.domain.units import NS
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.section import Section
@@ -18,12 +19,9 @@ BRAKES_MPS2: Final = 0.2
 """Deceleration (m/s²), in addition to gradient and resistance, that shows that a driver brakes."""
 BRAKES_S: Final = 3.0
 """Least duration (s) of a brake; its mean deceleration since it began is compared with `BRAKES_MPS2`."""
-STEADY_RATIO: Final = 0.5
-"""Share of `BRAKES_MPS2` by which the train must slow down in every second; a jump in the speed lasts only one."""
-HOLDS_MPS: Final = 5.0 * KMH
-"""Largest loss of speed (m/s) that is a correction; a larger one contradicts an instruction to hold a speed."""
 RELEASED_MPS2: Final = 0.1
-"""Deceleration (m/s²), in addition to gradient and resistance, up to which the brake counts as released."""
+"""Deceleration (m/s²), in addition to gradient and resistance, up to which the brake counts as released; a
+brake slows the train by more in every second, because a jump in the speed lasts only one."""
 RELEASED_S: Final = 2.0
 """Time (s) over which the deceleration for `RELEASED_MPS2` is averaged, to suppress the noise of the speed."""
 SETTLED_S: Final = 5.0
@@ -100,7 +98,7 @@ class Quiet:
             return
         lost_mps2 = max(section.resistance_n(here.s_m, v_mps), 0.0) / section.train.inertial_mass_kg
         samples.append(_Sample(now_s, v_mps, before.driven_mps + v_mps - before.v_mps + lost_mps2 * span_s))
-        if before.braked_mps2(samples[-1]) <= STEADY_RATIO * BRAKES_MPS2:
+        if before.braked_mps2(samples[-1]) <= RELEASED_MPS2:
             self._began = None
         elif self._began is None:
             self._began = before
@@ -112,7 +110,7 @@ class Quiet:
         began, now = self._began, self._samples[-1]
         if began is None or began.time_s < self._advised_s + SETTLED_S:
             return False
-        slowed = not holds or began.v_mps - now.v_mps > HOLDS_MPS
+        slowed = not holds or began.v_mps - now.v_mps > TARGET_STEP_MPS
         lasts = now.time_s - began.time_s >= BRAKES_S - ROUNDING_S
         return slowed and lasts and began.braked_mps2(now) > BRAKES_MPS2
 

@@ -16,14 +16,14 @@ SPEED_STEP_MPS: Final = 1.0 * KMH
 """Step (m/s) of the speeds that a driver reads."""
 TARGET_STEP_MPS: Final = 5.0 * KMH
 """Step (m/s) of the speeds shown to a driver to reach or to hold, unless they are limits."""
+REACTS_S: Final = 2.0
+"""Longest time (s) that a driver may take to follow what is shown."""
 STOP_BY_EYE_M: Final = 300.0
 """Last distance (m) before the stop: a driver brakes by eye, with no effort shown, if no lower limit is ahead."""
 SAME_READING_MPS: Final = 0.5 * KMH
 """Largest excess over the allowed speed (m/s) that looks the same to a driver."""
 OVERSPEED_MPS: Final = 0.5
 """Largest excess (m/s) over the allowed speed without a warning that the train is too fast."""
-OVERSPEED_ENDS_MPS: Final = 0.15
-"""Excess over the allowed speed (m/s) down to which a warning that the train is too fast remains."""
 
 
 def step_below(speed_mps: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from das.advice import wording
 from das.advice.regimes import KIND_OF, Regime
-from das.advice.shown import OVERSPEED_ENDS_MPS, OVERSPEED_MPS
+from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS
 from das.advice.wording import Language
 from das.domain.route import Route, Stop, Stretches
 from das.domain.units import NS
@@ -45,7 +45,7 @@ def hello_of(
         "language": language,
         **msgspec.structs.asdict(page),
         "at_stop_m": AT_STOP_M,
-        "too_fast_mps": [OVERSPEED_MPS, OVERSPEED_ENDS_MPS],
+        "too_fast_mps": [OVERSPEED_MPS, SAME_READING_MPS],
         "line": _line(route, stops),
         "train": _train(vehicle),
         "kinds": [KIND_OF.get(mode, mode.name.lower()) for mode in Regime],

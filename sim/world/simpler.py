@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from das.advice import kernels
 from das.advice.braking import AT_MARK_M, BEGINS_MPS
-from das.advice.goal import AT_STOP_M, COASTS_IN_S, LONGEST_RATIO, TrainState
+from das.advice.goal import AT_STOP_M, LONGEST_RATIO, TrainState
 from das.advice.planner import BRAKED_EARLY_S, PlanBasis, Planner
 from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regime
 from das.advice.shown import OVERSPEED_MPS, steady_step, step_below
@@ -55,6 +55,8 @@ BELOW_RATIO: Final = 0.999
 """Divisor of the allowed speed: the largest initial speed of the computation, for a train that is too fast."""
 
 Floats = NDArray[np.float64]
+COASTS_IN_S = 5.0
+"""Time (s) within which coasting down to a limit is advised; otherwise the train brakes."""
 LEVEL_MPS = 1e-6
 """Decrease (m/s) of speed over an interval below which a curve counts as level."""
 

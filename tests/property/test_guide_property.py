@@ -13,7 +13,6 @@ import pytest
 
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import AT_END_M, PassingTarget
-from das.advice.guide.follow import CREEP_MPS
 from das.advice.guide.guard import BRAKED_MPS
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
@@ -25,7 +24,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.units import NS
 from das.estimate.estimate import Estimate
-from das.solver.guide.policies import GuideFront
+from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.solve import solve_front
 from tests.support.crossing import numbered
 
@@ -124,7 +123,7 @@ def check(advice: Advice, guide: Guidance, world: World, here: Estimate) -> None
     assert guide.target_m >= 0.0
     assert all(math.isfinite(one.speed_mps) and one.way_m > -1.0 for one in guide.following)
     assert all(a.in_s <= b.in_s for a, b in pairwise(guide.following))
-    creeps = now.mode is Regime.CRUISE and now.speed_mps <= CREEP_MPS
+    creeps = now.mode is Regime.CRUISE and now.speed_mps <= LEAST_MPS
     assert guide.replan.cause is not ReplanCause.NONE or now.mode in (Regime.STOP, *BRAKES) or creeps
     assert advice.mode is not Regime.NONE
     check_one_message(advice, guide)

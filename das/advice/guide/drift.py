@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from das.domain.units import NS
+from das.solver.guide.schedule import ON_CURVE_MPS
 from das.solver.section import Section
 
 MARGIN_LEAST_S: Final = 2.0
@@ -34,8 +35,6 @@ VARIANCE_S: Final = 4.0
 KNOWN_AFTER_S: Final = 25.0
 """Usual loss (s) after which a driver's measured loss weighs half: that of a section of 11 min, because in each of
 three sections the same drivers lost another share of it (1.9, 0.5 and 0.7)."""
-ON_CURVE_MPS = 0.05
-"""The distance (m/s) from the braking curve up to which the fastest run counts as braking while its speed falls."""
 
 
 class UsualLoss:

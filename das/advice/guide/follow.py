@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.braking import LEAST_MPS2, NeededBrake
+from das.advice.braking import AT_MARK_M, LEAST_MPS2, NeededBrake
 from das.advice.guide.guard import (
-    LEAST_LEAD_S,
     LESS_RATIO,
-    SHORT_M,
     STEP_RATIO,
     Proposal,
     Sight,
@@ -25,10 +23,12 @@ from das.advice.guide.guard import (
     stepped,
 )
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
-from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, told_mps
+from das.advice.guide.timeline import OFF_MPS, REACHED_MPS, SAME_MPS, GuideStep, told_mps
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
-from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS, STOP_BY_EYE_M, target_below
+from das.advice.shown import OVERSPEED_MPS, REACTS_S, SAME_READING_MPS, STOP_BY_EYE_M, target_below
 from das.domain.units import KMH
+from das.solver.guide.policies import LEAST_MPS
+from das.solver.kernels.guide_policy import STANDS_S
 from das.solver.kernels.schedule import BACK_SHARE
 
 WORTH_S = 40.0
@@ -44,8 +44,6 @@ BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that ends within `BRIEF_S` (s) at a brake must gain at least `GAINS_S` (s), because drivers gain less
 than forecast. A brake for the stop is released for at least `BRIEF_S`, except when even the smallest effort brakes too
 much."""
-CREEP_MPS = 10.0 * KMH
-"""The lowest speed (m/s) at which a train creeps to its stop."""
 
 Floats = NDArray[np.float64]
 
@@ -253,7 +251,7 @@ def _told_mps(scene: Sight, shown: Instruction, step: GuideStep, leads: _Leads) 
     for told in (shown.speed_mps if goes_on else math.nan, step.speed_mps):
         if abs(ends_mps - told) <= COAST_MISSES_MPS:
             return told
-    return told_mps(min(max(ends_mps, CREEP_MPS), leads.highest_mps), scene.schedule.section, leads.highest_mps)
+    return told_mps(min(max(ends_mps, LEAST_MPS), leads.highest_mps), scene.schedule.section, leads.highest_mps)
 
 
 # --- braking ---------------------------------------------------------------------------------------------------------
@@ -266,7 +264,7 @@ def _braking(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         return _holding(scene, replace(memory, reached=True), step)
     need, in_s = _need(scene, step), scene.due_s(memory.step)
     if in_s > 0.0 and step.effort == 0.0:
-        in_s = min(in_s, max(begins_s(scene, state.v_mps), LEAST_LEAD_S))
+        in_s = min(in_s, max(begins_s(scene, state.v_mps), REACTS_S))
     if in_s <= 0.0 and need < LESS_RATIO * planned_effort(scene, step):
         back = _eased(scene, memory, step, need)
         if back is not None:
@@ -287,14 +285,14 @@ def _eased(scene: Sight, memory: Memory, step: GuideStep, need: float) -> Instru
         return coast(to_mps) if v_mps > to_mps + OFF_MPS and rolled_w <= to_mps**2 else None
     shown = memory.shown if memory.shown.mode in BRAKES else brake(planned_effort(scene, step), 0.0)
     soon_mps = v_mps - STANDS_S * rate_mps2(scene.ahead, -shown.effort_ratio, state)
-    low_mps = max(target_below(soon_mps), CREEP_MPS)
+    low_mps = max(target_below(soon_mps), LEAST_MPS)
     # If even the least effort shown is too much, the train would stop short of the mark: a brief release is better.
     least_s = BRIEF_S if need >= STEP_RATIO else BRAKES_BACK_S
     if scene.ahead.is_due(state.braked_m, low_mps, least_s):
         return None
     rolls_m = v_mps**2 / (2.0 * max(-scene.rolls_mps2, LEAST_MPS2))
     by_eye = left_m - STANDS_S * v_mps < STOP_BY_EYE_M
-    return None if by_eye and rolls_m > left_m - SHORT_M else hold(low_mps)
+    return None if by_eye and rolls_m > left_m - AT_MARK_M else hold(low_mps)
 
 
 def _by_m(scene: Sight, step: GuideStep) -> float:

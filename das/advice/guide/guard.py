@@ -10,33 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.braking import AT_MARK_M, BRAKED_MORE, LEAST_MPS2, BrakingAhead, NeededBrake
-from das.advice.goal import COASTS_IN_S, SpeedsAllowed, TrainState
+from das.advice.braking import AT_MARK_M, BACK_IN_S, BRAKED_MORE, LEAST_MPS2, BrakingAhead, NeededBrake
+from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold
-from das.advice.guide.timeline import OFF_MPS, SAME_MPS, STANDS_S, GuideStep
+from das.advice.guide.timeline import OFF_MPS, SAME_MPS, GuideStep
 from das.advice.regimes import BRAKES, TRACTION, Regime
-from das.advice.shown import OVERSPEED_MPS, SAME_READING_MPS, STOP_BY_EYE_M, target_below
+from das.advice.shown import OVERSPEED_MPS, REACTS_S, SAME_READING_MPS, target_below
 from das.solver.guide.schedule import Prospect, Schedule
+from das.solver.kernels.guide_policy import STANDS_S
 
-BRAKE_LEAD_S, ASTRAY_LEAD_S, LEAST_LEAD_S = 3.0, 4.0, 2.0
-"""Leads (s) with which a brake is shown: the usual one, one for an astray train (it accelerates or is too fast), and
-the least. A driver who sees a brake earlier brakes early; an astray train needs longer, because traction ends late."""
+BRAKE_LEAD_S, ASTRAY_LEAD_S = 3.0, 4.0
+"""Leads (s) with which a brake is shown: the usual one, and one for an astray train (it accelerates or is too fast). A
+driver who sees a brake earlier brakes early; an astray train needs longer, because traction ends late."""
 SOONER_S = 0.7
 """The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
-SHORT_M = 8.0
-"""The distance (m) before the mark at which a train stands clearly short, and a creeping one is shown a brake."""
 BRAKED_MPS = 0.9
 """Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
-HELD_MPS2 = 0.5
-"""The largest assumed acceleration (m/s²) of a train that is slower than the speed to hold."""
 NEAR_MARK_M = 3.0
 """The stopping error (m) up to which the effort of the last brake is left unchanged: the driver sees the mark."""
 STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
 """The steps to which efforts are rounded up: of the motors, and of the friction brake, which is not set more finely."""
 ANSWERED_S = 4.0
 """The reaction time (s) that an increased effort allows for, so that it is increased only once."""
-BEGUN_S = 2.0
-"""The reaction time (s) that the effort first shown for a lower limit allows for."""
 GROWN_RATIO = 1.6
 """The largest ratio of the effort shown to the one needed now, when more is needed."""
 LACKS_RATIO = 0.05
@@ -150,7 +145,7 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
         return wanted
     if one.speed_mps <= limit_mps and excess + rises_mps <= SAME_READING_MPS:
         return wanted  # The excess of the coasting train over the limit is too small to read.
-    if -rolls_mps2 * COASTS_IN_S < excess:
+    if -rolls_mps2 * BACK_IN_S < excess:
         return Proposal(hold(limit_mps), mode=Lead.GUARD, guarded=True)
     if one.mode is Regime.COAST and one.speed_mps <= limit_mps:
         return wanted
@@ -173,7 +168,7 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     ahead, state, one, v_mps = scene.ahead, scene.state, wanted.one, scene.state.v_mps
     lead_s = brake_lead_s(scene, one)
     soon_mps = _soon_mps(scene, one, lead_s)
-    lead_s = max(lead_s + SOONER_S, SHORT_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
+    lead_s = max(lead_s + SOONER_S, AT_MARK_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
     if not ahead.is_due(state.braked_m, soon_mps, lead_s):
         return wanted
     begun = memory.shown.mode in BRAKES and memory.due_ns <= state.now_ns
@@ -220,8 +215,7 @@ def _soon_mps(scene: Sight, one: Instruction, lead_s: float) -> float:
         gains = scene.ahead.accelerates_mps2(one.effort_ratio, scene.state.s_m, v_mps)
         soon_mps = v_mps + max(gains, 0.0) * lead_s
         return min(soon_mps, one.speed_mps) if pulls else soon_mps
-    gains_mps = min(max(one.speed_mps - v_mps, 0.0), HELD_MPS2 * lead_s) if one.mode is Regime.CRUISE else 0.0
-    return _keeps_mps(one, v_mps) + gains_mps
+    return _keeps_mps(one, v_mps)
 
 
 def _no_faster(wanted: Proposal, most_mps: float, v_mps: float) -> Proposal:
@@ -297,12 +291,9 @@ def shown_effort(
     if kept is None:
         least = _answered(ahead, needed, state, begin_m) if slows else 0.0
         return max(stepped(needed.effort), least)
-    lacking = LACKS_RATIO if not slows and needed.at_m - state.s_m >= STOP_BY_EYE_M else SAME_EFFORT
     if _ends(needed, state.v_mps) or _nearly_enough(ahead, kept, needed, state):
         return kept
-    if needed.effort > kept * (1.0 + lacking):
-        if ahead.section.end_m - state.s_m <= AT_MARK_M:
-            return kept + STEP_RATIO * 4.0  # A smaller change is not noticed, and the effort would grow again.
+    if needed.effort > kept * (1.0 + (SAME_EFFORT if slows else LACKS_RATIO)):
         return max(stepped(needed.effort), _answered(ahead, needed, state, begin_m))
     ends_soon = slows and (state.v_mps - needed.target_mps) < STANDS_S * rate_mps2(ahead, kept, state)
     eased = needed.effort < kept * LESS_RATIO and begin_m <= state.braked_m and not ends_soon
@@ -337,7 +328,7 @@ def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) 
 
 def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin_m: float) -> float:
     """An effort that suffices even if the driver reacts late; above the motors' effort only once needed."""
-    late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * BEGUN_S)
+    late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * REACTS_S)
     answered = ahead.effort_to(min(late_m, needed.at_m), state.v_mps, needed.at_m, needed.target_mps)
     most = math.inf if needed.target_mps > SAME_MPS and needed.effort > 1.0 else 1.0
     return stepped(min(answered, GROWN_RATIO * needed.effort, most))

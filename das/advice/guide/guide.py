@@ -13,8 +13,7 @@ from das.advice.advice import Guidance, Instruction, Replan, ReplanCause
 from das.advice.braking import BrakingAhead
 from das.advice.goal import Goal, SpeedsAllowed, TrainState
 from das.advice.guide.drift import Drift
-from das.advice.guide.follow import CREEP_MPS
-from das.advice.guide.keeping import Keeper, Kept
+from das.advice.guide.keeping import LEAST_AGE_S, Keeper, Kept
 from das.advice.guide.showing import Showing
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
@@ -25,7 +24,7 @@ from das.domain.restriction import Restriction
 from das.domain.route import Route
 from das.domain.units import KMH, NS
 from das.estimate.plausibility import STANDSTILL_MPS
-from das.solver.guide.policies import GuideFront
+from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.guide.schedule import PhaseKind, Schedule
 from das.solver.section import Section
 
@@ -36,16 +35,10 @@ BESIDE_M = 100.0
 """The largest distance (m) of a limit beyond the end of the phase that slows down for it."""
 BINDS_MPS = 10.0 * KMH
 """The largest difference (m/s) between a limit and the forecast speed there at which the limit can be the reason."""
-SLOWED_S = 30.0
-"""The largest delay (s) of a passing after its earliest time at which the point can be the reason for slowing."""
 SAID_LATE_S = 30.0
 """The least lateness or earliness (s) stated in a reason: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
 """The change (s) from which a stated lateness is updated: a figure that changes often is not read."""
-NEWS_S = 20.0
-"""The time (s) for which the reason names a restriction that was received on the way and changed the reference."""
-ARRIVING_M = 500.0
-"""The last distance (m) before the stop, over which the time of arrival is not stated."""
 CREEPS_M = 100.0
 """The last distance (m) before the stop, over which a train too slow for any reference creeps to it."""
 SLOWING = (PhaseKind.COAST, PhaseKind.BRAKE)
@@ -110,7 +103,7 @@ class Guide:
 
     def _creeping(self, state: TrainState, place: SpeedsAllowed) -> Guidance | None:
         """The advice to creep to the stop, for a train so slow that no reference leads there; None for a faster one."""
-        if state.v_mps > CREEP_MPS or self._section.end_m - state.s_m > CREEPS_M:
+        if state.v_mps > LEAST_MPS or self._section.end_m - state.s_m > CREEPS_M:
             return None
         reason = Reason(code=ReasonCode.STOP, stop=self._section.end_stop_name)
         return self._as_read(replace(self.showing.creeping(self._section, state, place), reason=reason), state)
@@ -144,7 +137,7 @@ class Guide:
         point = goal.passing
         if not ahead and point is not None and goal.waits(state):
             earliest_s = point.window(state.now_ns).earliest_s
-            if kept.forecast.passes_s(point.s_m) - earliest_s < SLOWED_S:  # The reference slows the train for it.
+            if kept.forecast.passes_s(point.s_m) - earliest_s < SAID_LATE_S:  # The reference slows the train for it.
                 time_ns = point.earliest_ns or 0
                 return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         ahead = ahead or self._new_restriction(kept.reference.replan, state)
@@ -156,7 +149,7 @@ class Guide:
     def _new_restriction(self, replan: Replan, state: TrainState) -> Reason:
         """The next restriction that was recently received and caused the new reference."""
         ahead = [one for one in self._news if one.start_m > state.s_m]
-        if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > NEWS_S or not ahead:
+        if replan.cause is not ReplanCause.LINE or (state.now_ns - replan.time_ns) * NS > LEAST_AGE_S or not ahead:
             return NO_REASON
         first = min(ahead, key=lambda one: one.start_m)
         return Reason(code=ReasonCode.RESTRICTION, speed_mps=first.limit_mps, at_m=first.start_m)
@@ -174,7 +167,7 @@ class Guide:
 
         The value is 0, and so not stated, for a train that stands or is almost at its stop.
         """
-        if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < ARRIVING_M:
+        if state.v_mps <= STANDSTILL_MPS or self._section.end_m - state.s_m < STOP_BY_EYE_M:
             return 0.0
         late_s = self.keeper.arrival_late_s(kept, state, goal)
         if abs(late_s - self._said_late_s) >= SAID_ANEW_S:

@@ -7,9 +7,9 @@ from dataclasses import astuple, dataclass, replace
 from typing import Final, NamedTuple
 
 from das.advice.advice import Replan, ReplanCause
-from das.advice.goal import Goal, PassingTarget, TrainState
+from das.advice.goal import AT_STOP_M, Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
-from das.advice.guide.planning import Wanted, departing, planned
+from das.advice.guide.planning import KEPT_S, Wanted, departing, planned
 from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.worker import AT_ONCE, Worker
 from das.domain.errors import DasError
@@ -18,6 +18,7 @@ from das.domain.units import NS
 from das.estimate.plausibility import STANDSTILL_MPS
 from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect, Schedule, Scheduled, on_section
+from das.solver.kernels.guide_policy import STANDS_S
 from das.solver.section import Section
 from das.solver.state import least_time_s
 
@@ -31,15 +32,9 @@ LEAST_GAIN_POWER_S: Final = 0.08
 ASTRAY_MPS: Final = 1.5
 """Least difference (m/s) between the speeds of train and reference for which an energy-saving reference is tried."""
 ASKED_EVERY_S: Final = 30.0
-"""The least time (s) between two trials of a new reference that might be better."""
+"""The least time (s) between two trials of a new reference that might be better, and from a trial to the arrival."""
 LEAST_AGE_S: Final = 20.0
 """The age (s) up to which a reference is replaced only if the goal or the line has changed, or if it cannot be kept."""
-QUIET_S: Final = 10.0
-"""The time (s) after a change of instruction in which a reference is replaced only for the reasons of `LEAST_AGE_S`."""
-DUE_SOON_S: Final = 8.0
-"""The time (s) before a change of instruction in which the rule of `QUIET_S` applies: changes come as announced."""
-ARRIVED_S: Final = 30.0
-"""The least time (s) to the end of the section for which a new reference is tried."""
 ON_TIME_RATIO: Final = 0.9
 """The probability with which a reference's reserve keeps a driver on time, at stops where punctuality counts."""
 ELSEWHERE_RATIO: Final = 0.3
@@ -48,8 +43,6 @@ LATE_S: Final = 3.0
 """The largest lateness (s) with which the reference (the standing plan) is kept."""
 EARLY_S: Final = 5.0
 """The largest earliness (s) with which the reference is kept."""
-LEARNED_TO_M = 50.0
-"""The last distance (m) before the stop: drivers brake by eye there, so that the forecast of the arrival is poor."""
 
 
 class Changes(NamedTuple):
@@ -60,8 +53,8 @@ class Changes(NamedTuple):
 
     def are_near(self, now_ns: int) -> bool:
         """Whether one of the changes is so near to `now_ns` that an optional new reference must wait."""
-        just_now = (now_ns - self.last_ns) * NS < QUIET_S
-        return just_now or 0.0 <= (self.next_ns - now_ns) * NS < DUE_SOON_S
+        just_now = (now_ns - self.last_ns) * NS < KEPT_S
+        return just_now or 0.0 <= (self.next_ns - now_ns) * NS < STANDS_S
 
 
 NO_CHANGES = Changes()
@@ -197,8 +190,8 @@ class Keeper:
         return left_s - min(self._loss_s(state, goal), max(spare_s, 0.0))
 
     def _see(self, forecast: Prospect, state: TrainState, goal: Goal, *, anew: bool) -> None:
-        if self._section.end_m - state.s_m < LEARNED_TO_M:
-            return
+        if self._section.end_m - state.s_m < AT_STOP_M:
+            return  # Drivers stop by eye: the forecast is poor.
         left_s = goal.left_s(state.now_ns)
         usual_s = self._usual.from_s(state.s_m, forecast.time_s)
         self._drift.see(state.now_ns, forecast.time_s - left_s, usual_s, anew=anew)
@@ -269,7 +262,7 @@ class Keeper:
         now_ns = state.now_ns
         young = (now_ns - kept.reference.replan.time_ns) * NS < LEAST_AGE_S
         asked = (now_ns - self._doubted_ns) * NS < ASKED_EVERY_S
-        if young or asked or kept.forecast.time_s < ARRIVED_S:
+        if young or asked or kept.forecast.time_s < ASKED_EVERY_S:
             return ReplanCause.NONE
         if self._misses_window(kept, state, goal):
             return ReplanCause.POINT

@@ -9,14 +9,13 @@ from typing import NamedTuple
 
 from das.advice.advice import Instruction
 from das.advice.braking import braking_mode
-from das.advice.guide.timeline import SAME_MPS, STANDS_S
+from das.advice.guide.timeline import SAME_MPS
 from das.advice.regimes import KIND_OF, TRACTION, InstructionKind, Regime, departure_regime
 from das.domain.units import NS
+from das.solver.kernels.guide_policy import STANDS_S
 
 SAME_CHANGE_S = 10.0
 """The shift (s) of the due time up to which an announced change is still the same, also after it was due."""
-PASSED_S = 2.0
-"""The longest time (s) before its change is due at which an announcement may end without being dropped."""
 NOTHING = Instruction()
 
 
@@ -88,7 +87,7 @@ class Memory:
             due_ns, kind = now_ns + round(one.in_s / NS), KIND_OF[one.mode]
             said.append(Notice(kind, one.speed_mps, self._since_ns(one, due_ns, now_ns), due_ns))
         kinds = {one.kind for one in said}
-        due = (old for old in self.announced if -PASSED_S < (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
+        due = (old for old in self.announced if 0.0 <= (now_ns - old.due_ns) * NS < SAME_CHANGE_S)
         return (*said, *(old for old in due if old.kind not in kinds))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from das.advice.goal import AT_STOP_M
 from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
@@ -15,8 +16,8 @@ from das.solver.guide.schedule import Phase, PhaseKind, Prospect, Schedule, Sche
 from das.solver.kernels.guide_policy import NO_INSTRUCTION
 from das.solver.state import State
 
-DEPARTS_WITHIN_M, DEPARTS_MPS = 50.0, 2.0
-"""The distance from the start of a section (m) and the speed (m/s) up to which a train departs there."""
+DEPARTS_MPS = 2.0
+"""The speed (m/s) up to which a train at the start of its section departs."""
 KEPT_S = 10.0
 """The time (s) for which a new, unnecessary reference keeps the present one unchanged."""
 
@@ -58,7 +59,7 @@ def planned(front: GuideFront, wanted: Wanted) -> Scheduled:
 def departing(front: GuideFront, wanted: Wanted) -> Scheduled | None:
     """The finished schedule of a table for a departing train, if it keeps the point's window; None if none fits."""
     s_m, v_mps, point_m = wanted.s_m, wanted.v_mps, wanted.point_m
-    departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= DEPARTS_WITHIN_M
+    departs = v_mps <= DEPARTS_MPS and abs(s_m - front.section.start_m) <= AT_STOP_M
     if front.references is None or wanted.kept is not None or not departs:
         return None
     left_s = _less_reserve_s(wanted, front.references.quickest_s(float(front.lambda_w[front.dearest])))

@@ -9,11 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from das.advice.advice import Guidance, Instruction, ReplanCause
-from das.advice.braking import BrakingAhead
+from das.advice.braking import AT_MARK_M, BACK_IN_S, BrakingAhead
 from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.follow import (
     BRIEF_S,
-    CREEP_MPS,
     advanced,
     at_step,
     coasting,
@@ -24,15 +23,12 @@ from das.advice.guide.follow import (
 )
 from das.advice.guide.guard import (
     BRAKE_LEAD_S,
-    LESS_RATIO,
-    SHORT_M,
     SOONER_S,
     STEP_RATIO,
     Proposal,
     Sight,
     begins_s,
     brake_lead_s,
-    braked,
     foreseen_brake,
     guarded,
     lasts_s,
@@ -42,25 +38,25 @@ from das.advice.guide.guard import (
 )
 from das.advice.guide.keeping import Changes, Kept
 from das.advice.guide.memory import NOTHING, Lead, Memory, alike, brake, coast, hold, is_own_end, repeats, traction
-from das.advice.guide.timeline import COAST_LEAD_S, OFF_MPS, REACHED_MPS, SAME_MPS, STANDS_S, GuideStep, timeline
+from das.advice.guide.timeline import COAST_LEAD_S, OFF_MPS, REACHED_MPS, SAME_MPS, GuideStep, timeline
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
-from das.advice.shown import SAME_READING_MPS
+from das.advice.shown import REACTS_S, SAME_READING_MPS
 from das.domain.units import NS
+from das.solver.guide.policies import LEAST_MPS
 from das.solver.guide.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
+from das.solver.kernels.guide_policy import STANDS_S
 from das.solver.section import Section
 
 LEADS_S = {
     InstructionKind.COAST: COAST_LEAD_S,
     InstructionKind.BRAKE: BRAKE_LEAD_S,
-    InstructionKind.TRACTION: 2.0,
+    InstructionKind.TRACTION: REACTS_S,
     InstructionKind.HOLD: 0.0,
 }
 """Time (s) for which an instruction is shown before it is due; 0 if it is to accelerate above the present limit."""
 FORGOTTEN_S = 15.0
 """The time (s) without any instruction after which the next one is shown as if there had been none before."""
-CLOSES_IN_S = 4.0
-"""The time (s) in which the force of an instruction leads to its speed; longer than the validity of advice."""
 IMPOSED = (ReplanCause.LINE, ReplanCause.GOAL, ReplanCause.POINT)
 """Causes of a new reference that came from outside, after the instruction shown was chosen."""
 AHEAD = 2
@@ -114,17 +110,17 @@ class Showing:
         self.forget()
         self._ahead = ahead = BrakingAhead.of(section)
         v_mps = max(state.v_mps, 1.0)
-        begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), CREEP_MPS))
-        needed = ahead.needed(begins_m, CREEP_MPS)
-        lead_s = max(BRAKE_LEAD_S + SOONER_S, SHORT_M / v_mps)
-        if place.allowed_mps < CREEP_MPS:  # In the last metres the driver finds the mark by eye.
+        begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), LEAST_MPS))
+        needed = ahead.needed(begins_m, LEAST_MPS)
+        lead_s = max(BRAKE_LEAD_S + SOONER_S, AT_MARK_M / v_mps)
+        if place.allowed_mps < LEAST_MPS:  # In the last metres the driver finds the mark by eye.
             now = brake(STEP_RATIO, 0.0)
         elif ahead.is_due(state.braked_m, v_mps, lead_s):
             now = brake(stepped(ahead.needed(state.braked_m, v_mps).effort), needed.target_mps)
         else:
-            now = hold(CREEP_MPS)
+            now = hold(LEAST_MPS)
         stops = replace(brake(stepped(needed.effort), needed.target_mps), way_m=begins_m - state.s_m)
-        after = () if now.mode in BRAKES else (replace(stops, in_s=stops.way_m / CREEP_MPS),)
+        after = () if now.mode in BRAKES else (replace(stops, in_s=stops.way_m / LEAST_MPS),)
         way_m, wheel_n = section.end_m - state.s_m, force_n(ahead, now, state)
         return Guidance(
             now=now, following=after, target_m=way_m, target_s=way_m / max(now.speed_mps, 1.0), force_n=wheel_n,
@@ -189,9 +185,10 @@ class Showing:
         if stands_at_mark(scene.ahead, shown, state):
             return stands, stands.in_s, memory, None
         asked = guarded(scene, memory, stands)
-        is_safe = shown.mode not in KIND_OF or _suffices(shown, asked.one)
+        harder = shown.mode in BRAKES and asked.one.effort_ratio < shown.effort_ratio
+        is_safe = shown.mode not in KIND_OF or (alike(shown, asked.one) and not harder)
         freely, memory = wanted(scene, memory)
-        one = self._still_guarded(scene, memory, guarded(scene, memory, freely))
+        one = guarded(scene, memory, freely)
         early = self._early(scene, memory, is_safe=is_safe)
         if early is not None and (early[0].brakes or not one.guarded):
             return early[0], early[1].due_s, early[2], None
@@ -215,18 +212,6 @@ class Showing:
             put_off = replace(one.one, in_s=opens.due_s, way_m=opens.due_s * state.v_mps)
         kept = one._replace(one=shown) if one.brakes and shown.mode in BRAKES else stands
         return kept, stands.in_s, memory, put_off
-
-    def _still_guarded(self, scene: Sight, memory: Memory, one: Proposal) -> Proposal:
-        """The guard's brake until its target speed is reached or half its effort is enough; then the given proposal."""
-        shown, state = memory.shown, scene.state
-        if memory.mode is not Lead.GUARD or shown.mode not in BRAKES or one.brakes or reached(shown, state.v_mps):
-            return one
-        needed = scene.ahead.needed(state.braked_m, state.v_mps)
-        same = abs(needed.target_mps - shown.speed_mps) < SAME_MPS
-        is_due = scene.ahead.is_due(state.braked_m, state.v_mps, STANDS_S)
-        if same and is_due and needed.effort > -LESS_RATIO * shown.effort_ratio:
-            return braked(scene, memory, needed, mode=Lead.GUARD)
-        return one
 
     def _early(self, scene: Sight, memory: Memory, *, is_safe: bool) -> tuple[Proposal, Opening, Memory] | None:
         """The next step if it is to be shown now, shortly before it begins; otherwise None."""
@@ -286,12 +271,6 @@ def _rest(scene: Sight, memory: Memory, freely: Proposal, one: Proposal) -> Inst
     return replace(freely.one, in_s=in_s, way_m=in_s * 0.5 * (scene.state.v_mps + one.one.speed_mps))
 
 
-def _suffices(shown: Instruction, needed: Instruction) -> bool:
-    """Whether the instruction shown is sufficient for the guard."""
-    same = alike(shown, needed) or (shown.mode is needed.mode is Regime.NONE)
-    return same and not (shown.mode in BRAKES and needed.effort_ratio < shown.effort_ratio)
-
-
 def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
     """The wheel force (N) with which a driver follows an instruction, without overshooting its speed."""
     s_m, v_mps = state.s_m, max(state.v_mps, 0.1)
@@ -299,7 +278,7 @@ def force_n(ahead: BrakingAhead, now: Instruction, state: TrainState) -> float:
         return ahead.force_n(-now.effort_ratio, s_m, v_mps)
     if now.mode is Regime.COAST:
         return 0.0
-    train, closing_mps2 = ahead.section.train, (now.speed_mps - v_mps) / CLOSES_IN_S
+    train, closing_mps2 = ahead.section.train, (now.speed_mps - v_mps) / BACK_IN_S
     wanted_n = ahead.section.resistance_n(s_m, v_mps) + train.inertial_mass_kg * closing_mps2
     most_n = float(traction_limit(v_mps, train)) * (now.effort_ratio if now.mode in TRACTION else 1.0)
     least_n = 0.0 if now.mode in TRACTION else ahead.force_n(1.0, s_m, v_mps)
@@ -379,7 +358,7 @@ def following(scene: Sight, memory: Memory, now: Instruction, put_off: Instructi
             break
         last = found[-1] if found else now
         one = said(scene, number, now if number == memory.step + 1 else NOTHING)
-        if one is None or repeats(one, last) or is_own_end(one, last) or _needs_not(one, last):
+        if one is None or repeats(one, last) or is_own_end(one, last):
             continue
         if one.mode in BRAKES or one.mode in TRACTION or scene.due_s(number + 1) - scene.due_s(number) >= STANDS_S:
             found.append(one)
@@ -410,11 +389,6 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
     if step.kind is InstructionKind.COAST and in_s < BRIEF_S and now.mode in KIND_OF:
         one = coasting(scene, now, number).one  # As it will be shown.
     return replace(one, way_m=way_m, in_s=max(in_s, 0.0))
-
-
-def _needs_not(one: Instruction, last: Instruction) -> bool:
-    """Whether a driver who follows the last instruction is no faster than a brake requires."""
-    return one.mode in BRAKES and last.mode in (*TRACTION, Regime.CRUISE) and one.speed_mps > last.speed_mps - SAME_MPS
 
 
 def _instruction(scene: Sight, step: GuideStep) -> Instruction:

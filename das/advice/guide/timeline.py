@@ -10,6 +10,7 @@ import numpy as np
 from das.advice.regimes import InstructionKind
 from das.advice.shown import TARGET_STEP_MPS, target_below
 from das.solver.guide.schedule import BRAKES, Phase, PhaseKind, Schedule
+from das.solver.kernels.guide_policy import STANDS_S
 from das.solver.kernels.schedule import BACK_SHARE
 from das.solver.section import Section
 
@@ -19,12 +20,8 @@ REACHED_MPS = 0.5
 """The shortfall (m/s) from a speed to reach at which it counts as reached; the rest is left to the driver."""
 OFF_MPS = TARGET_STEP_MPS
 """The deviation (m/s) within which a driver holds a speed: a step of the advised speeds."""
-STANDS_S = 8.0
-"""The least time (s) for which an instruction is shown, or announced before it is due: to read it, act and check."""
 COAST_LEAD_S = 5.0
 """The time (s) before it is due at which coasting is shown: about the reaction time of a driver."""
-NEAR_LIMIT_MPS = 0.2
-"""The distance (m/s) from a limit up to which a speed counts as the limit."""
 
 
 class GuideStep(NamedTuple):
@@ -133,7 +130,7 @@ def told_mps(speed_mps: float, section: Section, highest_mps: float) -> float:
 
 def _in_step(speed_mps: float, limit_mps: float, highest_mps: float) -> float:
     """The limit (m/s) if a speed is near it, else the nearest step that is not above `highest_mps`."""
-    if abs(speed_mps - limit_mps) < NEAR_LIMIT_MPS and limit_mps < highest_mps + SAME_MPS:
+    if abs(speed_mps - limit_mps) < SAME_MPS and limit_mps < highest_mps + SAME_MPS:
         return limit_mps
     nearest = round(speed_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
     return nearest if nearest <= highest_mps else target_below(highest_mps)

@@ -17,7 +17,6 @@ import pytest
 
 from das.advice.advice import Advice, Cause, Guidance, Instruction, Source
 from das.advice.last_word import (
-    FULL_RATIO,
     LIMIT_TOLERANCE_MPS,
     STOP_TOLERANCE_M,
     Act,
@@ -27,7 +26,7 @@ from das.advice.last_word import (
     Part,
 )
 from das.advice.reason import Reason, ReasonCode
-from das.advice.regimes import Regime
+from das.advice.regimes import FULL_RATIO, Regime
 from das.advice.wording import words
 from das.cab.leg import Leg
 from das.cab.situation import Situation

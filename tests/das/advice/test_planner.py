@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.advice.display import AT_FOOT_MPS, braked_enough, kept_behind
+from das.advice.display import braked_enough, kept_behind
 from das.advice.goal import Goal, TrainState
 from das.advice.planner import PlanBasis, Planner
 from das.advice.regimes import Regime
+from das.advice.shown import OVERSPEED_MPS
 from das.domain.braking import USUAL
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
@@ -56,7 +57,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     over_mps: float, brakes_fully: bool
 ) -> None:
     """At that place the planned braking curve has reached the lower limit and does not fall any further."""
-    assert 0.2 < AT_FOOT_MPS < 0.9
+    assert 0.2 < OVERSPEED_MPS < 0.9
     s_m, v_mps = 3996.0, 15.0 + over_mps
     state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
     assert not ahead.is_due(s_m, v_mps)

@@ -95,7 +95,7 @@ def test_a_coasting_train_is_told_no_speed_that_reads_like_one_to_hold() -> None
         (Reason(code=ReasonCode.DEPARTURE, time_ns=WINTER_NS), DE, ZURICH, "Abfahrt um 09:32:30"),
         (
             Reason(code=ReasonCode.POINT_EARLIEST, at_m=44_800.0, time_ns=WINTER_NS, text="signal at km 46.0"),
-            *(FR, ZURICH, "km 44.8 pas avant 09:32:30 (signal at km 46.0)"),
+            *(FR, ZURICH, "km 44,8 pas avant 09:32:30 (signal at km 46.0)"),
         ),
         (Reason(code=ReasonCode.TOO_FAST, speed_mps=5.0), DE, UTC, "zu schnell"),
         (Reason.of_text("solving failed"), FR, UTC, "solving failed"),

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import sim
-from das.advice.guide.timeline import STANDS_S
 from das.bus.session import endpoint, free_ports
 from das.command_line.process import EXIT_INTERRUPTED
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.units import KMH
+from das.solver.kernels.guide_policy import STANDS_S
 from precompute.tables.plan import read_plan
 from sim.bundled import example_files
 from sim.options import TripOptions

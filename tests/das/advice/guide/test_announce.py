@@ -10,10 +10,10 @@ from das.advice.advice import Instruction
 from das.advice.guide.guard import Proposal, Sight
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.showing import _rest, following, said
-from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
 from das.solver.guide.schedule import Schedule, on_section
+from das.solver.kernels.guide_policy import STANDS_S
 from tests.support.guide import flat, reference, scene
 from tests.support.keeping import ns
 

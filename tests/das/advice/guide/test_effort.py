@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from das.advice.braking import AT_MARK_M, BrakingAhead, NeededBrake
+from das.advice.braking import BrakingAhead, NeededBrake
 from das.advice.goal import TrainState
 from das.advice.guide.guard import (
     FRICTION_STEP_RATIO,
@@ -97,19 +97,12 @@ def test_a_brake_that_is_nearly_done_keeps_its_effort() -> None:
     assert shows(board(0.9), at(5.0, 61), kept=0.4) == 0.4
 
 
-def test_a_little_lacking_for_a_far_stop_is_left_to_the_eye() -> None:
+def test_a_little_lacking_for_a_stop_is_left_to_the_eye() -> None:
     end_m = AHEAD.section.end_m
-    for left_m, effort, same in ((600.0, 0.52, True), (600.0, 0.54, False), (200.0, 0.52, False)):
+    for left_m, effort, same in ((600.0, 0.52, True), (600.0, 0.54, False)):
         needed = NeededBrake(effort, 0.0, end_m)
         found = shown_effort(AHEAD, needed, Memory(efforts={end_m: 0.5}), TrainState(0, end_m - left_m, 20.0))
         assert (found == 0.5) is same
-
-
-def test_in_the_last_metres_an_effort_grows_by_what_a_driver_notices() -> None:
-    end_m = AHEAD.section.end_m
-    state = TrainState(0, end_m - AT_MARK_M + 1.0, 3.0)
-    found = shown_effort(AHEAD, NeededBrake(0.41, 0.0, end_m), Memory(efforts={end_m: 0.4}), state)
-    assert found == pytest.approx(0.6)
 
 
 def test_the_way_of_a_brake_is_that_of_its_deceleration() -> None:

@@ -12,8 +12,8 @@ from das.advice.goal import TrainState
 from das.advice.guide.guard import Proposal
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
 from das.advice.guide.showing import LEADS_S, Opening, has_led, opening
-from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import InstructionKind
+from das.solver.kernels.guide_policy import STANDS_S
 from tests.support.keeping import ns
 
 HOLD, UP, ROLL, SLOW = hold(25.0), traction(0.8, 30.0), coast(20.0), brake(0.6, 15.0)

@@ -8,9 +8,9 @@ import pytest
 
 from das.advice.advice import Instruction
 from das.advice.guide.memory import Memory, alike, brake, coast, hold, is_own_end, repeats, traction
-from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import Regime
 from das.domain.units import KMH
+from das.solver.kernels.guide_policy import STANDS_S
 from tests.support.keeping import ns
 
 

@@ -11,11 +11,11 @@ from das.advice.advice import Guidance, Replan, ReplanCause
 from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.memory import brake, coast
 from das.advice.guide.showing import FORGOTTEN_S, LEADS_S, Showing
-from das.advice.guide.timeline import STANDS_S
 from das.advice.regimes import BRAKES, TRACTION, InstructionKind, Regime
 from das.domain.units import KMH
 from das.solver.guide.schedule import Schedule
 from das.solver.kernels.forces import traction_limit
+from das.solver.kernels.guide_policy import STANDS_S
 from tests.support.guide import FREE, flat, kept, reference
 from tests.support.keeping import Keeping, ns
 
