@@ -134,7 +134,7 @@ def pipe(path: Path) -> None:
     ("damage", "text"),
     [
         (pipe, "not a regular file"),
-        (other_method, "method = 0: expected 1; build the table again"),
+        (other_method, "method = 0: expected 2; build the table again"),
         (lambda path: seal_anew(path, lambda body: body.update(key="x")), "settings have changed"),
         (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not valid JSON"),
         (alter, "was altered since it was written"),

@@ -64,7 +64,7 @@ def test_the_words_of_the_display_are_in_its_language_and_time_zone() -> None:
     guide, top = (card.text for card in cards(DriveTable.of(recording), said))
     assert guide.startswith("# rollen lassen bis 72 km/h")
     assert "| next | bremsen 36 km/h in 8 s |" in guide
-    assert f"| why | km 1.5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in guide
+    assert f"| why | km 1,5 nicht vor {datetime.fromtimestamp(at_ns(0) * NS, said.zone):%H:%M:%S} |" in guide
     assert top.startswith("# Höchstgeschwindigkeit 72 km/h")
 
 

@@ -122,7 +122,7 @@ def test_restless_advice_is_told_with_the_result_and_calm_advice_is_not(
         print_result(result)
         printed = capsys.readouterr()
         assert f"{measured.changes / 10:.1f} times a minute" in printed.out
-        assert ("warning: the advice shown was restless: 12.3 changes" in printed.out + printed.err) == warns
+        assert ("warning: the advice shown was restless: 12.30 changes" in printed.out + printed.err) == warns
 
 
 @pytest.mark.parametrize("recorded", [True, False])
