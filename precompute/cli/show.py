@@ -97,7 +97,8 @@ def show(
 
     For a route or vehicle, unusual values are warnings and missing data are notes; the exit code is 1 with warnings and
     2 if the file cannot be used. With a train, the spare time of each section of a journey is shown. With --route, a
-    name that bundled files share means the journey. Tables are checked as by `verify`, with its exit code; those with problems come last.
+    name that bundled files share means the journey. Tables are checked as by `verify`, with its exit code; those with
+    problems come last.
     """
     files.check(source, on.route, of.vehicle)
     if source is None:
