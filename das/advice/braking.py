@@ -30,13 +30,13 @@ LEVEL_MPS = 1e-6
 BEGINS_MPS = 0.05
 """Decrease (m/s) of the speed ahead above which a braking curve counts as falling."""
 BACK_IN_S = 4.0
-"""Time (s) in which the force of an instruction leads to its speed; longer than the validity of advice."""
+"""Time (s) in which the force of an instruction leads to its speed, or a train above a limit comes back to it."""
 LEAST_MPS2 = 0.02
 """Deceleration (m/s²) below which it is too early to brake for a lower speed ahead."""
 BRAKED_MORE = 1.1
 """Factor by which a train above its plan brakes harder than needed, so that it need not brake harder later."""
 AT_MARK_M = 10.0
-"""Distance (m) from a stop at which the driver sees the mark, however uncertain the position is."""
+"""Distance (m) from a stop within which the driver sees the mark; a train that stands further off is short of it."""
 ALIKE = 0.9
 """Share of the largest needed effort; places that need at least that share count as equally urgent."""
 RIVALS = 0.8

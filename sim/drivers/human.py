@@ -341,7 +341,7 @@ class HumanDriver:
         return wanted if needed is None else min(wanted, handling.braked(cab, outlook, needed))
 
     def _by_eye(self, cab: CabView, outlook: Outlook) -> float:
-        """The setting of a driver who sees the mark, until braking for it is necessary: the present speed is held."""
+        """The setting until braking for the mark is necessary: the present speed is held, or a creeping one."""
         return self.handling.held(cab, outlook, max(cab.speed_mps, CREEPS_MPS))
 
     @property

@@ -51,12 +51,12 @@ SLOWEST_MPS: Final = 20.0 * KMH
 repeatedly if necessary."""
 HALVINGS: Final = 12
 """Number of halvings of the interval in the search for the reduced maximum speed."""
+COASTS_IN_S: Final = 5.0
+"""Time (s) within which coasting down to a limit is advised; otherwise the train brakes."""
 BELOW_RATIO: Final = 0.999
 """Divisor of the allowed speed: the largest initial speed of the computation, for a train that is too fast."""
 
 Floats = NDArray[np.float64]
-COASTS_IN_S = 5.0
-"""Time (s) within which coasting down to a limit is advised; otherwise the train brakes."""
 LEVEL_MPS = 1e-6
 """Decrease (m/s) of speed over an interval below which a curve counts as level."""
 

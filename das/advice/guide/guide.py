@@ -36,7 +36,7 @@ BESIDE_M = 100.0
 BINDS_MPS = 10.0 * KMH
 """The largest difference (m/s) between a limit and the forecast speed there at which the limit can be the reason."""
 SAID_LATE_S = 30.0
-"""The least lateness or earliness (s) stated in a reason: a driver cannot correct less."""
+"""The least lateness or earliness (s), at the stop or a timing point, that is stated: a driver cannot correct less."""
 SAID_ANEW_S = 10.0
 """The change (s) from which a stated lateness is updated: a figure that changes often is not read."""
 CREEPS_M = 100.0

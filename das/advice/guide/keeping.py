@@ -34,7 +34,7 @@ ASTRAY_MPS: Final = 1.5
 ASKED_EVERY_S: Final = 30.0
 """The least time (s) between two trials of a new reference that might be better, and from a trial to the arrival."""
 LEAST_AGE_S: Final = 20.0
-"""The age (s) up to which a reference is replaced only if the goal or the line has changed, or if it cannot be kept."""
+"""The age (s) up to which a reference stays unless goal or line changes or it is lost, and its restriction is news."""
 ON_TIME_RATIO: Final = 0.9
 """The probability with which a reference's reserve keeps a driver on time, at stops where punctuality counts."""
 ELSEWHERE_RATIO: Final = 0.3

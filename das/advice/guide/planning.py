@@ -19,7 +19,7 @@ from das.solver.state import State
 DEPARTS_MPS = 2.0
 """The speed (m/s) up to which a train at the start of its section departs."""
 KEPT_S = 10.0
-"""The time (s) for which a new, unnecessary reference keeps the present one unchanged."""
+"""The time (s) after a change in which an unnecessary reference waits, and for which it keeps the present one."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -231,8 +231,8 @@ class GuideFront:
 
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
-        change_s, young_s = self.settings.change_s, max(self.settings.young_s, self.settings.change_s)
-        change_j, young_j = change_s * self.power_w, young_s * self.power_w
+        change_j = self.settings.change_s * self.power_w
+        young_j = max(self.settings.young_s * self.power_w, change_j)
         return GuidePrices(float(self.lambda_w[number]), change_j, young_j, float(self._least_mps[number]))
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:

@@ -78,7 +78,7 @@ def test_the_folder_holds_what_readme_lists(folder: Path) -> None:
 def test_a_driver_who_brakes_early_for_his_stop_is_not_told_to_release_for_a_moment(folder: Path) -> None:
     """Seed 2 brakes early for Bedorf; instructions of one second at odd speeds were shown to him once.
 
-    Who is slower than a limit before its brake is due needs none: that promise is not kept.
+    A driver slower than a limit before its brake is due needs no brake: that promise is not kept.
     """
     found = sim.run_day(folder / "scenario.toml", 2, driver="human", advice="guide").outcome
     assert found["shortest_instruction_s"] >= STANDS_S

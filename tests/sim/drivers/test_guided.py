@@ -186,7 +186,7 @@ def test_a_human_does_not_begin_what_would_be_over_at_once() -> None:
 
 
 def test_a_human_who_sees_the_mark_brakes_by_eye() -> None:
-    """Told to brake from 10 m/s to a stop: 400 m before the mark with the effort shown, 200 m before it not yet."""
+    """From 10 m/s the driver brakes with the effort shown 400 m before the mark, and not yet 200 m before it."""
     stop, force_n = replace(BRAKE, speed_mps=0.0), -0.4 * Efforts.at(10.0, LINE.train).brakes_n
     assert settled(stop, force_n=force_n, s_m=5600.0, speed_mps=10.0) < -0.3
     assert settled(stop, force_n=force_n, s_m=5800.0, speed_mps=10.0) > -0.05

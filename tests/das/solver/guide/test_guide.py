@@ -218,7 +218,7 @@ def test_a_higher_price_of_a_change_gives_no_more_changes() -> None:
     assert fewer
 
 
-def test_a_change_costs_power_at_any_price_of_time_and_of_a_young_instruction_more() -> None:
+def test_a_change_costs_power_at_any_price_of_time_and_a_change_of_a_young_instruction_more() -> None:
     section, front, _ = solved(ROUTE, LOCAL)
     settings, power_w = front.settings, usable_power_w(section)
     for number in (0, len(front.lambda_w) - 1):
