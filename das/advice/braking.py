@@ -86,6 +86,7 @@ class BrakingAhead:
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
         columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet]
         self._feet = [_Foot(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
+        self._half_build_up_s = 0.5 * section.vehicle.service_brake.build_up_s
         # While a brake is announced, the same effort is computed every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
         """The least effort that slows the train from a place (m) and speed (m/s) to a place and speed there; the
@@ -141,6 +142,14 @@ class BrakingAhead:
             before_w = float(self._planned_w[first + reached - 1]) - told_mps[0] * told_mps[0]
         share = before_w / max(before_w - left_w, 1e-9)
         return float(from_m + share * (float(nodes[first + reached]) - from_m))
+
+    def sooner_s(self, s_m: float, v_mps: float) -> float:
+        """The time (s) before the braking curve ahead at which a train with a speed (m/s) begins to brake.
+
+        The curve to a lower limit contains the delay of the brakes only for the difference of the speeds.
+        """
+        foot_mps = next((one.speed_mps for one in self._feet if one.at_m > s_m and one.speed_mps < v_mps), 0.0)
+        return self._half_build_up_s * foot_mps / max(v_mps, 1.0)
 
     def rolling_mps(self, s_m: float, v_mps: float, braked_n: float = 0.0) -> Floats:
         """The speeds (m/s) at all nodes ahead of a train that coasts from here, or brakes with a force (N, > 0)."""

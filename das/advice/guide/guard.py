@@ -22,8 +22,6 @@ from das.solver.kernels.guide_policy import STANDS_S
 BRAKE_LEAD_S, ASTRAY_LEAD_S = 3.0, 4.0
 """Leads (s) with which a brake is shown: the usual one, and one for an astray train (it accelerates or is too fast). A
 driver who sees a brake earlier brakes early; an astray train needs longer, because traction ends late."""
-SOONER_S = 0.7
-"""The time (s) before the braking curve at which a brake begins: brakes build up, and the position is uncertain."""
 BRAKED_MPS = 0.9
 """Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
 NEAR_MARK_M = 3.0
@@ -113,7 +111,7 @@ def begins_s(scene: Sight, keeps_mps: float) -> float:
     """The time (s) until a train that keeps a speed must begin to brake."""
     from_m, v_mps = scene.state.braked_m, max(keeps_mps, 1.0)
     begins_m = scene.ahead.curve_begins_m(from_m, np.full(scene.ahead.nodes_ahead(from_m), v_mps))
-    return max((begins_m - from_m) / v_mps - SOONER_S, 0.0)
+    return max((begins_m - from_m) / v_mps - scene.ahead.sooner_s(begins_m, v_mps), 0.0)
 
 
 def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
@@ -168,14 +166,15 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     ahead, state, one, v_mps = scene.ahead, scene.state, wanted.one, scene.state.v_mps
     lead_s = brake_lead_s(scene, one)
     soon_mps = _soon_mps(scene, one, lead_s)
-    lead_s = max(lead_s + SOONER_S, AT_MARK_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
+    sooner_s = ahead.sooner_s(state.braked_m, soon_mps)
+    lead_s = max(lead_s + sooner_s, AT_MARK_M / max(soon_mps, 1.0)) + (wanted.in_s if wanted.brakes else 0.0)
     if not ahead.is_due(state.braked_m, soon_mps, lead_s):
         return wanted
     begun = memory.shown.mode in BRAKES and memory.due_ns <= state.now_ns
     waits_s = 0.0 if begun else begins_s(scene, _keeps_mps(one, v_mps))
     if one.mode is Regime.COAST:
         rolls = foreseen_brake(scene, one, wanted.in_s)
-        if rolls is None or rolls.in_s > lead_s - SOONER_S:
+        if rolls is None or rolls.in_s > lead_s - sooner_s:
             return wanted  # The train slows down enough without a brake.
         waits_s = rolls.in_s
     waits_s = min(waits_s, wanted.in_s) if wanted.brakes else waits_s
@@ -240,8 +239,9 @@ def foreseen_brake(scene: Sight, now: Instruction, waits_s: float) -> Proposal |
     # Above a limit that does not fall, the instruction is to hold it, not to brake for a distant limit.
     if needed.effort <= 0.0 or not ahead.is_due(begins_m, passes_mps + OVERSPEED_MPS, BRAKE_LEAD_S):
         return None
-    in_s = max(waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m) - SOONER_S, 0.0)
-    way_m = max(begins_m - SOONER_S * passes_mps - state.s_m, 0.0)
+    sooner_s = ahead.sooner_s(begins_m, passes_mps)
+    in_s = max(waits_s + ahead.ahead_s(from_m, v_mps, speeds_mps, begins_m) - sooner_s, 0.0)
+    way_m = max(begins_m - sooner_s * passes_mps - state.s_m, 0.0)
     one = replace(brake(max(needed.effort, STEP_RATIO), needed.target_mps), way_m=way_m, in_s=in_s)
     return Proposal(one, in_s)
 

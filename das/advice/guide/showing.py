@@ -23,7 +23,6 @@ from das.advice.guide.follow import (
 )
 from das.advice.guide.guard import (
     BRAKE_LEAD_S,
-    SOONER_S,
     STEP_RATIO,
     Proposal,
     Sight,
@@ -112,7 +111,7 @@ class Showing:
         v_mps = max(state.v_mps, 1.0)
         begins_m = ahead.curve_begins_m(state.s_m, np.full(ahead.nodes_ahead(state.s_m), LEAST_MPS))
         needed = ahead.needed(begins_m, LEAST_MPS)
-        lead_s = max(BRAKE_LEAD_S + SOONER_S, AT_MARK_M / v_mps)
+        lead_s = max(BRAKE_LEAD_S + ahead.sooner_s(state.s_m, v_mps), AT_MARK_M / v_mps)
         if place.allowed_mps < LEAST_MPS:  # In the last metres the driver finds the mark by eye.
             now = brake(STEP_RATIO, 0.0)
         elif ahead.is_due(state.braked_m, v_mps, lead_s):
@@ -224,7 +223,7 @@ class Showing:
             return None
         lead_s, due_s = LEADS_S[step.kind], scene.due_s(number)
         if step.kind is InstructionKind.BRAKE:
-            lead_s = brake_lead_s(scene, memory.shown) + SOONER_S + state.ahead_m / max(state.v_mps, 1.0)
+            lead_s = brake_lead_s(scene, memory.shown) + _sooner_s(scene, state.s_m, state.v_mps)
         if step.kind is InstructionKind.TRACTION and step.speed_mps > scene.place.limit_mps:
             lead_s = 0.0
         if due_s > lead_s:
@@ -248,6 +247,11 @@ class Showing:
         lower = section.envelope_mps < one.speed_mps - SAME_READING_MPS
         lower &= section.node_m > max(state.s_m, step.from_m)
         return min(step.to_m, goal_m, float(section.node_m[np.argmax(lower)]) if lower.any() else math.inf)
+
+
+def _sooner_s(scene: Sight, s_m: float, v_mps: float) -> float:
+    """The time (s) before its place in the reference at which a brake begins, with the error of the position."""
+    return scene.ahead.sooner_s(s_m, v_mps) + scene.state.ahead_m / max(v_mps, 1.0)
 
 
 def _next_s(scene: Sight, number: int, one: Proposal) -> float:
@@ -383,7 +387,7 @@ def said(scene: Sight, number: int, now: Instruction = NOTHING) -> Instruction |
     if now.mode is Regime.CRUISE and scene.state.v_mps < step.speed_mps + SAME_MPS:
         step = step._replace(kind=InstructionKind.HOLD) if step.kind is InstructionKind.BRAKE else step
     if step.kind is InstructionKind.BRAKE:
-        sooner_s = SOONER_S + scene.state.ahead_m / max(passes_mps, 1.0)
+        sooner_s = _sooner_s(scene, step.from_m, passes_mps)
         way_m, in_s = max(way_m - sooner_s * passes_mps, 0.0), in_s - sooner_s
     one = _instruction(scene, step)
     if step.kind is InstructionKind.COAST and in_s < BRIEF_S and now.mode in KIND_OF:
