@@ -217,9 +217,9 @@ def _is_phase(row: Any) -> bool:
     )  # fmt: skip
 
 
-METHOD: Final = 2
+METHOD: Final = 3
 """The version of the planner of references, to be raised when its references change: a test shows when."""
-SOLVED_BY: Final = ("STEP_MPS", "LEAST_MPS", "LOW_RATIO", "HIGH_RATIO", "BACK_SHARE")
+SOLVED_BY: Final = ("STEP_MPS", "LEAST_MPS", "CHANGE_TIME_S", "LOW_RATIO", "HIGH_RATIO", "BACK_SHARE")
 """The constants of `das.solver.guide.policies` that are part of a key."""
 _KEPT_BITS = 20
 """Significant bits of a number in a key (six digits): the last bits of computed arrays differ between processors."""

@@ -34,9 +34,9 @@ from das.solver.section import Section, with_braking
 
 Floats = NDArray[np.float64]
 
-CHANGE_S = 4.0 * PolicySettings().change_s
-"""Time (s) of full power whose energy a change of regime must save: four times the value of the guide, because every
-line of a sheet has to be found, read and remembered."""
+CHANGE_S = PolicySettings().young_s
+"""Time (s) of full power whose energy a change of regime must save: as much as a change of an instruction that has just
+been shown, because every line of a sheet has to be found, read and remembered."""
 PLACE_M = 100.0
 """Step (m) of places on a sheet: posts and boards do not allow the driver a finer one."""
 SETTINGS = PolicySettings(change_s=CHANGE_S, young_s=2.0 * CHANGE_S)

@@ -56,8 +56,7 @@ def finished_references(section: Section, *, threads: int = 1) -> References:
 
 def _priced_j(front: GuideFront, run: GuideRun) -> float:
     """The energy of a run and the price of the changes in it (J): changes that gain little should not be shown."""
-    change_j = front.settings.change_s * front.power_w
-    return run.energy_j + change_j * float(np.count_nonzero(np.diff(run.said)))
+    return run.energy_j + front.change_j(run.lambda_w) * float(np.count_nonzero(np.diff(run.said)))
 
 
 PROVEN = 5

@@ -19,7 +19,7 @@ from tests.support.fixes import ns
 
 
 class _NoLoss(UsualLoss):
-    def from_s(self, s_m: float, ahead_s: float) -> float:
+    def between_s(self, s_m: float, to_m: float, takes_s: float) -> float:
         return 0.0
 
 

@@ -1,4 +1,4 @@
-"""A driver's adherence to references: the drift of the forecast arrival, and the time likely to be lost ahead."""
+"""The time that a driver is likely to lose against a reference, learned from the drift of the forecast arrival."""
 
 from __future__ import annotations
 
@@ -8,22 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.units import NS
 from das.solver.guide.schedule import ON_CURVE_MPS
 from das.solver.section import Section
 
-MARGIN_LEAST_S: Final = 2.0
-"""The smallest margin (s) to either end of a timing point's window."""
-MARGIN_MOST_S: Final = 12.0
-"""The largest margin (s) to either end of a timing point's window."""
-MARGIN_DEVIATIONS: Final = 1.5
-"""The margin as a multiple of the standard deviation of the train's drift against the reference."""
-DRIFT_S_PER_MIN: Final = 2.0
-"""The drift assumed before any measurement: standard deviation of the seconds gained or lost per minute."""
-SAMPLED_S: Final = 20.0
-"""The interval (s) between two measurements of the drift."""
-FORGOTTEN_MIN: Final = 5.0
-"""The time constant (min) with which measurements of the drift lose weight."""
 RUNNING_S_PER_MIN: Final = 1.0
 """The time usually lost, in seconds per minute (default human driver), by holding below limits and reacting late."""
 BRAKING_RATIO: Final = 0.2
@@ -49,10 +36,14 @@ class UsualLoss:
         """The braking time (s) of the fastest run from each node on."""
         self._last_from_m = float(np.interp(-LAST_S, -section.fastest_run.time_to_go_s, section.node_m))
 
+    def between_s(self, s_m: float, to_m: float, takes_s: float) -> float:
+        """The time (s) usually lost from one position (m) to another, which takes `takes_s`."""
+        here_s, there_s = np.interp((s_m, to_m), self._node_m, self._braking_s)
+        return RUNNING_S_PER_MIN * max(takes_s, 0.0) / 60.0 + BRAKING_RATIO * float(here_s - there_s)
+
     def from_s(self, s_m: float, ahead_s: float) -> float:
         """The time (s) usually lost from a position (m) to the end of the section, which takes `ahead_s`."""
-        braking_s = float(np.interp(s_m, self._node_m, self._braking_s))
-        return RUNNING_S_PER_MIN * max(ahead_s, 0.0) / 60.0 + BRAKING_RATIO * braking_s
+        return self.between_s(s_m, float(self._node_m[-1]), ahead_s)
 
     def at_last_s(self, s_m: float, ahead_s: float) -> float:
         """The part of the usual loss (s) that cannot be made up, because it occurs just before the stop."""
@@ -60,11 +51,9 @@ class UsualLoss:
 
 
 class Drift:
-    """A driver's adherence to references on all sections of a journey: drift of forecast arrivals, time lost."""
+    """A driver's adherence to references on all sections of a journey: the time that he loses."""
 
     def __init__(self) -> None:
-        self._square = DRIFT_S_PER_MIN**2
-        self._sampled: tuple[int, float] | None = None
         self._before: tuple[float, float] | None = None
         self._lost_s = self._usual_s = KNOWN_AFTER_S
 
@@ -73,31 +62,18 @@ class Drift:
         """The loss of this driver as a share of the usual one, at most 1: larger losses are recovered on the way."""
         return min(max(self._lost_s, 0.0) / self._usual_s, 1.0)
 
-    def see(self, now_ns: int, late_s: float, usual_s: float, *, anew: bool) -> None:
+    def see(self, late_s: float, usual_s: float, *, anew: bool) -> None:
         """Update with the forecast lateness and the usual loss from here on; `anew`: ignore the forecast before."""
-        if anew or self._sampled is None or self._before is None or now_ns < self._sampled[0]:
-            self._sampled, self._before = (now_ns, late_s), (late_s, usual_s)
-            return
-        self._lost_s += late_s - self._before[0]
-        self._usual_s += max(self._before[1] - usual_s, 0.0)
+        if self._before is not None and not anew:
+            self._lost_s += late_s - self._before[0]
+            self._usual_s += max(self._before[1] - usual_s, 0.0)
         self._before = late_s, usual_s
-        minutes = (now_ns - self._sampled[0]) * NS / 60.0
-        if minutes * 60.0 < SAMPLED_S:
-            return
-        kept = math.exp(-minutes / FORGOTTEN_MIN)
-        self._square = kept * self._square + (1.0 - kept) * (late_s - self._sampled[1]) ** 2 / minutes
-        self._sampled = now_ns, late_s
 
     def pause(self) -> None:
-        """Exclude the change to the next forecast from the drift: it is not due to the driver."""
-        self._sampled = None
+        """Exclude the change to the next forecast: it is not due to the driver."""
+        self._before = None
 
-    def margin_s(self, ahead_s: float) -> float:
-        """The margin (s) for a time that is `ahead_s` from now."""
-        spread_s = MARGIN_DEVIATIONS * math.sqrt(self._square * max(ahead_s, 0.0) / 60.0)
-        return min(max(spread_s, MARGIN_LEAST_S), MARGIN_MOST_S)
-
-    def loss_s(self, usual_s: float, on_time_ratio: float) -> float:
-        """The loss (s) that this driver does not exceed with the given probability, if the usual loss is `usual_s`."""
+    def loss_s(self, usual_s: float, ratio: float) -> float:
+        """The loss (s; a gain < 0) that this driver does not exceed with a probability, if `usual_s` is usual."""
         likely_s = self.ratio * usual_s
-        return max(likely_s + NormalDist().inv_cdf(on_time_ratio) * math.sqrt(VARIANCE_S * likely_s), 0.0)
+        return likely_s + NormalDist().inv_cdf(ratio) * math.sqrt(VARIANCE_S * likely_s)

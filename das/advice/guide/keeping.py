@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Future
 from dataclasses import astuple, dataclass, replace
 from typing import Final, NamedTuple
@@ -27,8 +28,6 @@ LEAST_GAIN_S: Final = 1.0
 may be further from it by as much."""
 LATE_GAIN_S: Final = 2.0
 """The time (s) by which a new reference for a late train must be nearer to the wanted arrival."""
-LEAST_GAIN_POWER_S: Final = 0.08
-"""The time (s) of full traction power whose energy a new reference must save: 0.14 kWh for 6 MW."""
 ASTRAY_MPS: Final = 1.5
 """Least difference (m/s) between the speeds of train and reference for which an energy-saving reference is tried."""
 ASKED_EVERY_S: Final = 30.0
@@ -181,7 +180,7 @@ class Keeper:
     def _loss_s(self, state: TrainState, goal: Goal) -> float:
         """The loss (s) before the stop that the driver does not exceed, with the probability wanted for this stop."""
         usual_s = self._usual.at_last_s(state.s_m, goal.left_s(state.now_ns))
-        return self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO)
+        return max(self._drift.loss_s(usual_s, ON_TIME_RATIO if goal.counts else ELSEWHERE_RATIO), 0.0)
 
     def _aimed_s(self, state: TrainState, goal: Goal) -> float:
         """The time (s) left for a reference, minus a reserve for the driver's loss, which is at most the spare time."""
@@ -194,7 +193,7 @@ class Keeper:
             return  # Drivers stop by eye: the forecast is poor.
         left_s = goal.left_s(state.now_ns)
         usual_s = self._usual.from_s(state.s_m, forecast.time_s)
-        self._drift.see(state.now_ns, forecast.time_s - left_s, usual_s, anew=anew)
+        self._drift.see(forecast.time_s - left_s, usual_s, anew=anew)
 
     def _kept(self, state: TrainState, goal: Goal, forecast: Prospect | None) -> Kept | None:
         if self.reference is None or forecast is None:
@@ -228,7 +227,7 @@ class Keeper:
                 return kept
             raise
         gain = self._gain(kept, found, state, goal)
-        if asked.doubted and not self._is_better(asked.cause, gain):
+        if asked.doubted and not self._is_better(asked.cause, gain, found.lambda_w):
             return kept
         replan = Replan(cause=asked.cause, time_ns=state.now_ns, gain_j=gain.energy_j, gain_s=gain.lateness_s)
         return self._taken(found, replan, state, goal)
@@ -288,8 +287,8 @@ class Keeper:
         worth_j = energy_j + found.lambda_w * (kept.forecast.time_s - found.forecast.time_s)
         return _Gain(energy_j, lateness_s, worth_j)
 
-    def _is_better(self, doubt: ReplanCause, gain: _Gain) -> bool:
-        least_j = LEAST_GAIN_POWER_S * self._section.train.traction_power_w
+    def _is_better(self, doubt: ReplanCause, gain: _Gain, lambda_w: float) -> bool:
+        least_j = 0.0 if self._front is None else self._front.change_j(lambda_w)
         return {
             ReplanCause.POINT: True,
             ReplanCause.LATE: gain.lateness_s > LATE_GAIN_S,
@@ -309,11 +308,20 @@ class Keeper:
     def _wanted(self, state: TrainState, goal: Goal) -> Wanted:
         point, window = goal.passing, ANY_TIME
         if point is not None:
-            earliest_s, latest_s = astuple(point.window(state.now_ns))
-            earliest_s += self._drift.margin_s(earliest_s)
-            window = Window(earliest_s=earliest_s, latest_s=max(latest_s - self._drift.margin_s(latest_s), earliest_s))
+            window = self._narrowed(point.window(state.now_ns), point.s_m, state)
         left_s = goal.aimed_s(state.now_ns)
         return Wanted(
             s_m=state.s_m, v_mps=state.v_mps, left_s=left_s, reserve_s=left_s - self._aimed_s(state, goal),
             point_m=None if point is None else point.s_m, window=window,
         )  # fmt: skip
+
+    def _narrowed(self, window: Window, point_m: float, state: TrainState) -> Window:
+        """The part of a point's window that a reference uses, so that the driver keeps both ends, each with the
+        probability of an arrival that counts."""
+        ends_s = [one for one in astuple(window) if math.isfinite(one)]
+        if not ends_s:
+            return window
+        usual_s = self._usual.between_s(state.s_m, point_m, ends_s[0])
+        least_s, most_s = (self._drift.loss_s(usual_s, ratio) for ratio in (1.0 - ON_TIME_RATIO, ON_TIME_RATIO))
+        earliest_s = window.earliest_s - min(least_s, 0.0)
+        return Window(earliest_s=earliest_s, latest_s=max(window.latest_s - most_s, earliest_s))

@@ -42,6 +42,8 @@ STEP_MPS: Final = 5.0 * KMH
 """The step (m/s) of advised speeds; limits are advised exactly."""
 LEAST_MPS: Final = 10.0 * KMH
 """The lowest advised speed (m/s), unless a limit is lower."""
+CHANGE_TIME_S: Final = 0.3
+"""The time (s) whose cost, at the price of time, a change must save too: a hurrying train changes less often."""
 LOW_RATIO: Final = 0.001
 """The lowest price of time, as a share of the traction power that can be used on the section."""
 HIGH_RATIO: Final = 2.0
@@ -64,8 +66,8 @@ WAITING = 40
 class PolicySettings:
     """The costs of changes of the instruction, and the resolution of the policies."""
 
-    change_s: float = 0.15
-    """The time (s) of the train's full power whose energy a change must save."""
+    change_s: float = 0.08
+    """The time (s) of the train's full power whose energy a change must save, besides the cost of `CHANGE_TIME_S`."""
     young_s: float = 0.6
     """The value of `change_s` for a change before the present instruction has been shown for `STANDS_S`."""
     line_mps: float = 1.0 * KMH
@@ -231,9 +233,14 @@ class GuideFront:
 
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
-        change_j = self.settings.change_s * self.power_w
-        young_j = max(self.settings.young_s * self.power_w, change_j)
-        return GuidePrices(float(self.lambda_w[number]), change_j, young_j, float(self._least_mps[number]))
+        lambda_w, settings = float(self.lambda_w[number]), self.settings
+        change_j = self.change_j(lambda_w)
+        young_j = change_j + max(settings.young_s - settings.change_s, 0.0) * self.power_w
+        return GuidePrices(lambda_w, change_j, young_j, float(self._least_mps[number]))
+
+    def change_j(self, lambda_w: float) -> float:
+        """The price of a change of the instruction (J) at a price of time (W)."""
+        return self.settings.change_s * self.power_w + CHANGE_TIME_S * max(lambda_w, 0.0)
 
     def run(self, state: State, plan: Sequence[PolicyFrom], told: int = NO_INSTRUCTION) -> GuideRun:
         """The run from a state that follows the policies of a plan, in the order of its nodes.

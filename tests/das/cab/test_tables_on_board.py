@@ -18,7 +18,7 @@ from das.domain.braking import SiteBraking
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.solver.section import build_section
-from das.table import section_facts, table_name
+from das.table import METHOD, section_facts, table_name
 from precompute.tables.writing import TableSettings, make_table
 from tests.support.small_tables import quick_references, seal_anew
 from tests.support.small_trips import LINE, TRAIN, SmallTrip, at, ns, planned_section, trip
@@ -134,7 +134,7 @@ def pipe(path: Path) -> None:
     ("damage", "text"),
     [
         (pipe, "not a regular file"),
-        (other_method, "method = 0: expected 2; build the table again"),
+        (other_method, f"method = 0: expected {METHOD}; build the table again"),
         (lambda path: seal_anew(path, lambda body: body.update(key="x")), "settings have changed"),
         (lambda path: path.write_bytes(path.read_bytes()[:-8]), "not valid JSON"),
         (alter, "was altered since it was written"),

@@ -17,7 +17,8 @@ from das.domain.journey import Window
 from das.domain.units import NS
 from das.offline.asked_journey import Call, Journey, Passing
 from das.offline.journey import JourneyPlanner
-from das.solver.guide.policies import LEAST_MPS, GuideFront
+from das.solver.guide import policies
+from das.solver.guide.policies import LEAST_MPS, GuideFront, PolicySettings
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from tests.support.crossing import few
@@ -150,13 +151,14 @@ def test_targets_off_the_journey_are_ignored_and_reported() -> None:
     assert at(made, 60, 1500.0, 24.0).reason.code is ReasonCode.ON_TIME
 
 
-def test_a_passing_costs_what_the_planner_of_whole_journeys_says() -> None:
-    """Second witness: das.offline.journey plans the same window from the start of the section."""
+def test_a_passing_costs_what_the_planner_of_whole_journeys_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Second witness: das.offline.journey plans the same window from the start of the section; changes cost nothing."""
+    monkeypatch.setattr(policies, "CHANGE_TIME_S", 0.0)
     section = build_section(LINE, TRAIN, end_m=5000.0)
     least_s = solve_front(section).fastest().time_s
     total_s, to_point_s = 1.35 * least_s, 0.63 * 1.35 * least_s
     wanted = Wanted(s_m=0.0, v_mps=0.0, left_s=total_s, point_m=3000.0, window=Window(earliest_s=to_point_s))
-    ours = planned(GuideFront(section), wanted).solution(0.0, 0.0, total_s)
+    ours = planned(GuideFront(section, PolicySettings(change_s=0.0)), wanted).solution(0.0, 0.0, total_s)
     points = (
         Call(name="A", position_m=0.0, departure=Window(earliest_s=0.0, latest_s=0.0)),
         Passing(name="P", position_m=3000.0, window=Window(earliest_s=to_point_s)),

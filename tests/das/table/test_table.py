@@ -22,7 +22,7 @@ from das.domain.vehicle import Vehicle
 from das.solver.front import Front
 from das.solver.guide.policies import DEFAULT
 from das.solver.section import Section, SectionOptions, build_section
-from das.table import MOST_BYTES, Table, TableError, key_of, section_facts, table_name
+from das.table import METHOD, MOST_BYTES, Table, TableError, key_of, section_facts, table_name
 from tests.support.making import das_precompute, make_route
 from tests.support.small_tables import BUFFERS, GRADES, LENGTH_M, LIMITS, line, seal_anew, train
 
@@ -72,8 +72,8 @@ FIRST = ("references", 0, "phases", 0)
 BAD: dict[str, tuple[Callable[[Body], Any], str]] = {
     "old schema": (put("schema_version", value=3), "schema_version = 3: expected 4; build the table again"),
     "schema true": (put("schema_version", value=True), "schema_version = True: expected 4"),
-    "other method": (put("method", value=0), "method = 0: expected 2; build the table again"),
-    "no method": (drop("method"), "method is missing: expected 2"),
+    "other method": (put("method", value=0), f"method = 0: expected {METHOD}; build the table again"),
+    "no method": (drop("method"), f"method is missing: expected {METHOD}"),
     "no key": (drop("key"), "key is missing: expected a string"),
     "least time 0": (put("least_time_s", value=0), "least_time_s = 0: expected a finite number > 0"),
     "section null": (put("section", value=None), "section = None: expected an object"),
@@ -239,5 +239,5 @@ def test_the_commands_say_it_in_one_line(copied: Path, tmp_path: Path) -> None:
         done = das_precompute(tmp_path, command, ".")
         assert done.returncode == 1
         assert "old: a table of an earlier release, which is not supported; remove it and build it again" in done.stdout
-        assert "table.json: method = 0: expected 2; build the table again" in done.stdout
+        assert f"table.json: method = 0: expected {METHOD}; build the table again" in done.stdout
         assert done.stderr == ""

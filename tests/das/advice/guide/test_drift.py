@@ -1,4 +1,4 @@
-"""The driver's drift: margins to windows, and the reserve for the time that he is still going to lose."""
+"""The driver's drift: what is learned of the time that he loses, and the reserve for what he is still going to lose."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from das.advice.advice import ReplanCause, Timetable
 from das.advice.goal import UNHURRIED_S, Goal, TrainState
-from das.advice.guide.drift import BRAKING_RATIO, MARGIN_LEAST_S, MARGIN_MOST_S, RUNNING_S_PER_MIN, Drift, UsualLoss
+from das.advice.guide.drift import BRAKING_RATIO, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import EARLY_S, ELSEWHERE_RATIO, ON_TIME_RATIO
 from das.cab.legs import Legs
 from das.cab.preparation import Fronts, Preparation
@@ -27,23 +27,10 @@ LINE = BUNDLED[2]
 def drifted(per_min_s: float, minutes: int, *, usual_per_min_s: float = 1.0) -> Drift:
     """The drift of a driver who loses this many seconds a minute, where drivers usually lose so many."""
     drift, usual_s = Drift(), usual_per_min_s * minutes
-    drift.see(ns(0), 0.0, usual_s, anew=True)
+    drift.see(0.0, usual_s, anew=True)
     for step in range(1, 3 * minutes + 1):
-        drift.see(ns(20.0 * step), per_min_s * step / 3.0, usual_s * (1.0 - step / (3 * minutes)), anew=False)
+        drift.see(per_min_s * step / 3.0, usual_s * (1.0 - step / (3 * minutes)), anew=False)
     return drift
-
-
-def test_the_margin_grows_for_a_driver_who_drifts() -> None:
-    """The margin grows whether he loses or gains time, stays within its bounds, and is larger further ahead."""
-    calm, losing, gaining = drifted(0.0, 15), drifted(6.0, 15), drifted(-6.0, 15)
-    assert calm.margin_s(240.0) < losing.margin_s(240.0) == gaining.margin_s(240.0)
-    assert MARGIN_LEAST_S <= losing.margin_s(1.0) <= losing.margin_s(240.0) <= MARGIN_MOST_S
-    assert drifted(0.0, 60).margin_s(60.0) == MARGIN_LEAST_S
-
-
-def test_the_margin_is_one_and_a_half_deviations_of_the_drift() -> None:
-    """By hand: 2 s in each third of a minute are 2²/(1/3) = 12 s² a minute, and √12 s after one minute."""
-    assert drifted(6.0, 60).margin_s(60.0) == pytest.approx(1.5 * 12**0.5, rel=1e-3)
 
 
 def test_an_unknown_driver_is_expected_to_lose_what_drivers_usually_lose() -> None:
@@ -64,20 +51,23 @@ def test_a_driver_who_loses_more_than_usual_has_no_larger_reserve() -> None:
 def test_another_reference_is_no_drift_and_a_pause_is_none() -> None:
     """The forecast jumps when the reference changes, or when something else does; this is not the driver's doing."""
     drift = Drift()
-    drift.see(ns(0), 0.0, 30.0, anew=True)
-    drift.see(ns(30), -50.0, 20.0, anew=True)
-    drift.see(ns(60), -50.0, 20.0, anew=False)
+    drift.see(0.0, 30.0, anew=True)
+    drift.see(-50.0, 20.0, anew=True)
+    drift.see(-50.0, 20.0, anew=False)
     drift.pause()
-    drift.see(ns(90), -90.0, 5.0, anew=False)
+    drift.see(-90.0, 5.0, anew=False)
     assert drift.ratio == 1.0
 
 
 def test_the_reserve_is_a_quantile_of_the_loss_to_come() -> None:
-    """By hand: with 4 s² a second, 9 s have the standard deviation √(4 · 9) = 6 s; the 90 % quantile is 1.2816 σ."""
+    """By hand: with 4 s² a second, 9 s have the standard deviation √(4 · 9) = 6 s; the 90 % quantile is 1.2816 σ.
+
+    One driver in a hundred gains time.
+    """
     drift = Drift()
     assert drift.loss_s(9.0, 0.9) == pytest.approx(9.0 + 1.2816 * 6.0, abs=1e-3)
     assert drift.loss_s(9.0, 0.3) == pytest.approx(9.0 - 0.5244 * 6.0, abs=1e-3)
-    assert drift.loss_s(9.0, 0.01) == 0.0
+    assert drift.loss_s(9.0, 0.01) == pytest.approx(9.0 - 2.3263 * 6.0, abs=1e-3)
 
 
 def test_the_usual_loss_is_that_of_running_and_of_braking() -> None:

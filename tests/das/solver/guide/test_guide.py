@@ -119,9 +119,10 @@ def test_a_run_is_in_time_and_hardly_above_the_exact_optimum(route: Route, train
 
 @at_points
 def test_with_a_low_price_of_changes_a_run_is_within_3_thousandths_of_the_optimum(
-    route: Route, train: Vehicle, buffer_ratio: float
+    monkeypatch: pytest.MonkeyPatch, route: Route, train: Vehicle, buffer_ratio: float
 ) -> None:
     section, _, exact = solved(route, train)
+    monkeypatch.setattr(policies, "CHANGE_TIME_S", 0.0)
     front = GuideFront(section, PolicySettings(change_s=0.08, young_s=0.3), threads=1)
     time_s = least_time_s(section, section.start_m, 0.0) * (1.0 + buffer_ratio)
     run, _ = in_time(front, State.at(section), time_s)
@@ -218,13 +219,13 @@ def test_a_higher_price_of_a_change_gives_no_more_changes() -> None:
     assert fewer
 
 
-def test_a_change_costs_power_at_any_price_of_time_and_a_change_of_a_young_instruction_more() -> None:
+def test_a_change_costs_power_and_time_and_a_change_of_a_young_instruction_more() -> None:
     section, front, _ = solved(ROUTE, LOCAL)
     settings, power_w = front.settings, usable_power_w(section)
     for number in (0, len(front.lambda_w) - 1):
-        price = front.prices(number)
-        assert price.change_j == pytest.approx(settings.change_s * power_w)
-        assert price.young_j == pytest.approx(settings.young_s * power_w)
+        price, late_j = front.prices(number), policies.CHANGE_TIME_S * float(front.lambda_w[number])
+        assert price.change_j == pytest.approx(settings.change_s * power_w + late_j)
+        assert price.young_j == pytest.approx(settings.young_s * power_w + late_j)
 
 
 @pytest.mark.parametrize("train", [LOCAL, HEAVY], ids=["local", "heavy"])
