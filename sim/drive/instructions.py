@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -105,7 +105,7 @@ class InstructionFigures:
     previous instruction (holding the speed to which it leads). `brakes` begin after another kind; `led` of them were
     shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
     `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
-    `odd_speeds` are neither a whole step nor a limit. `shortest_s` is the shortest time for which an instruction was
+    `odd_speeds` are neither a whole step nor a limit on the way. `shortest_s` is the shortest time for which an instruction was
     shown, if neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
     which a train that stands is told to accelerate.
     """
@@ -210,6 +210,9 @@ class InstructionWatch:
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
+        self._led_to: Counter[float] = Counter()
+        """The number of instructions to each speed (m/s) that is no limit where it is shown."""
+        self._limits_mps: set[float] = set()
         self._shortest_s = math.inf
         self._now: _Told | None = None
         self._at_s = -math.inf
@@ -224,10 +227,13 @@ class InstructionWatch:
     @property
     def found(self) -> InstructionFigures:
         """The figures so far."""
-        return InstructionFigures(**self._counts, shortest_s=self._shortest_s, reliance=self._reliance.found)
+        odd = sum(count for to_mps, count in self._led_to.items() if _is_odd(to_mps, self._limits_mps))
+        shortest_s, reliance = self._shortest_s, self._reliance.found
+        return InstructionFigures(**self._counts, odd_speeds=odd, shortest_s=shortest_s, reliance=reliance)
 
     def look(self, advice: Any, force_n: float) -> None:
         """Receive advice (`Advice`, or its message), and the train's wheel force (N) at that moment."""
+        self._limits_mps.add(advice.limit_mps)
         told, time_s = _told(advice), advice.time_ns * NS
         if told is not None and advice.speed_mps < MOVING_MPS:
             self._counts["standing_s"] += told.kind is InstructionKind.TRACTION
@@ -260,7 +266,7 @@ class InstructionWatch:
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         counts = self._counts
         counts["instructions"] += 1
-        counts["odd_speeds"] += _is_odd(told, advice)
+        self._led_to[told.to_mps] += _is_odd(told.to_mps, (advice.guide.reason.speed_mps,))
         self._ends(before, told)
         if before is None:
             return
@@ -334,11 +340,10 @@ def _task(kind: InstructionKind, to_mps: float) -> _Task:
     return kind, 0 if kind is InstructionKind.COAST else round(to_mps / KMH)
 
 
-def _is_odd(told: _Told, advice: Any) -> bool:
-    """Whether the speed of an instruction is no whole step and equals neither the limit here nor the one ahead."""
-    steps = round(told.to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS
-    known = steps, advice.limit_mps, advice.guide.reason.speed_mps
-    return not any(abs(told.to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))
+def _is_odd(to_mps: float, limits_mps: Collection[float]) -> bool:
+    """Whether the speed of an instruction is neither a whole step nor one of the limits."""
+    known = round(to_mps / TARGET_STEP_MPS) * TARGET_STEP_MPS, *limits_mps
+    return not any(abs(to_mps - step_below(one)) < 0.5 * KMH for one in known if math.isfinite(one))
 
 
 def _is_own_end(before: _Told, told: _Told) -> bool:

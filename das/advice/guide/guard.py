@@ -26,8 +26,8 @@ BRAKED_MPS = 0.9
 """Largest excess (m/s) over the limit without a brake: the instruction is to coast or to hold the limit."""
 NEAR_MARK_M = 3.0
 """The stopping error (m) up to which the effort of the last brake is left unchanged: the driver sees the mark."""
-STEP_RATIO, FRICTION_STEP_RATIO = 0.05, 0.5
-"""The steps to which efforts are rounded up: of the motors, and of the friction brake, which is not set more finely."""
+STEP_RATIO = 0.05
+"""The step to which efforts are rounded up."""
 ANSWERED_S = 4.0
 """The reaction time (s) that an increased effort allows for, so that it is increased only once."""
 GROWN_RATIO = 1.6
@@ -302,8 +302,7 @@ def shown_effort(
 
 def stepped(effort: float) -> float:
     """An effort rounded up to the steps of the display."""
-    step = STEP_RATIO if effort <= 1.0 else FRICTION_STEP_RATIO
-    return max(math.ceil(effort / step - SAME_EFFORT) * step, STEP_RATIO)
+    return max(math.ceil(effort / STEP_RATIO - SAME_EFFORT) * STEP_RATIO, STEP_RATIO)
 
 
 def rate_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
@@ -25,7 +26,11 @@ def told(mode: Regime, kmh: float, in_s: float = 0.0) -> Instruction:
 
 
 def found(
-    *spells: tuple[Instruction, int, float], announce: bool = True, replan_s: int = -1, force_n: float = 0.0
+    *spells: tuple[Instruction, int, float],
+    announce: bool = True,
+    replan_s: int = -1,
+    force_n: float = 0.0,
+    limits_kmh: Sequence[float] = (200.0,),
 ) -> InstructionFigures:
     """The figures of instructions that stand for a number of seconds at a speed (km/h); each announces the next."""
     watch, now_s, s_m = InstructionWatch(), 100, 0.0
@@ -35,12 +40,13 @@ def found(
             due = replace(one, in_s=max(one.in_s - (lasts_s - left_s), 0.0))
             guide = Guidance(now=due, following=tuple(after), replan=Replan(time_ns=round(replan_s / NS)))
             s_m += kmh * KMH
+            limit_mps = limits_kmh[(now_s - 100) % len(limits_kmh)] * KMH
             advice = Advice(
                 time_ns=round(now_s / NS),
                 mode=one.mode,
                 s_m=s_m,
                 speed_mps=kmh * KMH,
-                limit_mps=200.0 * KMH,
+                limit_mps=limit_mps,
                 guide=guide,
             )
             watch.look(advice, force_n)
@@ -168,6 +174,7 @@ def test_speeds_are_steps_of_5_or_limits_and_a_standing_train_is_not_told_to_acc
     assert found((told(H, 87), 9, 87.0)).odd_speeds == 1
     assert found((told(H, 85), 9, 87.0)).odd_speeds == 0
     assert found((told(H, 200), 9, 87.0)).odd_speeds == 0
+    assert found((told(H, 87), 9, 87.0), limits_kmh=(200.0, 87.0)).odd_speeds == 0, "it is the limit further on"
     standing = found((told(T, 40), 9, 0.0))
     assert (standing.standing_s, standing.instructions) == (9, 0)
     assert standing.against_grammar == 9
