@@ -105,9 +105,9 @@ class InstructionFigures:
     previous instruction (holding the speed to which it leads). `brakes` begin after another kind; `led` of them were
     shown at least 2 s before they were due. `efforts_in_brakes` counts changes of the effort within brakes.
     `missed_coasts` end far from their speed though the train coasted, `vain_accelerations` soon end in a brake,
-    `odd_speeds` are neither a whole step nor a limit on the way. `shortest_s` is the shortest time for which an instruction was
-    shown, if neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the seconds in
-    which a train that stands is told to accelerate.
+    `odd_speeds` are neither a whole step nor a limit on the way. `shortest_s` is the shortest time for which an
+    instruction was shown, if neither it nor the next one is a brake; infinity if there is none. `standing_s` counts the
+    seconds in which a train that stands is told to accelerate.
     """
 
     instructions: int = 0
