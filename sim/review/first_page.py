@@ -332,8 +332,10 @@ def ran(drive: Drive) -> list[str]:
     """Sentences on the date, route, times and lateness of the run."""
     clock, served, day, went = drive.table.clock, drive.served, _day(drive), drive.travelled
     km, lasted = f"{went.way_m / KM:.1f} km", spell(went.time_s)
+    ahead = [call.name for call in drive.calls if not call.reached]
+    ends = [f"The recording ends before {ahead[0]}."] if ahead else []
     if not went.between_stops:
-        return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}."]
+        return [f"The recording of {drive.recording.train} on {day} covers {km} in {lasted}.", *ends]
     first, last = served[0], served[-1]
     left, arrived = _late(first.departed_late_s), _late(last.arrived_late_s)
     told = [
@@ -341,7 +343,7 @@ def ran(drive: Drive) -> list[str]:
         f"It left at {clock.of_day(first.departed_ns)}{left} and arrived at {clock.of_day(last.arrived_ns)}{arrived}.",
     ]
     missed = [call.name for call in drive.calls if not call.served and call.reached]
-    return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else [])]
+    return [*told, *([f"It did not stop at {', '.join(missed)}."] if missed else []), *ends]
 
 
 def _late(late_s: float) -> str:

@@ -145,6 +145,8 @@ def test_page_one_says_what_happened_in_the_times_of_the_line() -> None:
     told = what_happened(bundled().drive)
     assert "It left at 09:05:30 (90 s late) and arrived at 09:24:24 (24 s early)." in told
     assert "At Zürich HB it stayed 90 s longer than necessary. From Zürich HB to Zug it made up 115 s" in told
+    assert "ends before" not in told
+    assert "8 min 35 s. The recording ends before Thalwil." in what_happened(not_compared().drive)
 
 
 def test_an_early_arrival_has_its_price_and_a_replay_without_timetable_no_lateness() -> None:
