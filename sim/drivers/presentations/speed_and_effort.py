@@ -45,14 +45,14 @@ class SpeedAndEffortPresenter(Presenter):
     def set_by(self, hands: Hands, cab: CabView, outlook: Outlook, view: AdviceView, allowed_mps: float) -> float:
         """The advised effort, corrected if the speed differs from the advised speed.
 
-        There is no correction while the advice is to coast, or at the end of the controller's scale.
+        There is no correction while the advice is to coast, or to accelerate with the controller at its end.
         """
         if view.mode == Regime.COAST:
             return 0.0
         if view.mode == Regime.DEPART or math.isnan(view.lever_ratio):
             return hands.to_speed(cab, outlook, view.departure, allowed_mps)
         effort = hands.set_effort(view.lever_ratio)
-        if abs(view.lever_ratio) > END_STOP_RATIO:
+        if view.lever_ratio > END_STOP_RATIO:
             return effort
         more = hands.handling.corrected(cab, outlook, view.foreseen_mps(cab.time_s))
         return min(max(effort + more, -1.0), 1.0)
