@@ -215,10 +215,10 @@ def test_nobody_brakes_who_is_told_to_coast_unless_a_limit_or_a_stop_asks_for_it
 
 @pytest.mark.parametrize("presentation", [Presentation.SPEED_AND_EFFORT, Presentation.GUIDE])
 def test_all_that_is_advised_is_set(presentation: Presentation) -> None:
-    """At 100 % advice the controller is at 99 % at least: the end of the scale is a stop."""
+    """At 100 % advice the controller is at 99 % at least, except in lapses: the end of the scale is a stop."""
     set_to = set_at_full(days(presentation))
     assert len(set_to) > 80
-    assert sum(set_to) / len(set_to) >= 0.99
+    assert sum(one >= 0.99 for one in set_to) / len(set_to) >= 0.95
 
 
 @pytest.mark.parametrize("presentation", OF_MODES)
