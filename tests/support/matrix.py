@@ -290,7 +290,7 @@ BOUNDS: Final = (
     *(Bound("runs that ended before the last stop", who, lambda x: (bool(x.said),), sum, 0, 0) for who in Who),
     Bound("stops missed", _OBEDIENT, lambda x: (x.stops_missed,), sum, 0, 0),
     Bound("above a limit, m/s", _OBEDIENT, lambda x: (x.above_limit_mps,), max, 0.5, 0.5),
-    Bound("above a braking curve, m/s", _OBEDIENT, lambda x: (x.above_curve_mps,), max, 0.5, 0.55),
+    Bound("above a braking curve, m/s", _OBEDIENT, lambda x: (x.above_curve_mps,), max, 0.5, 0.5),
     Bound("changes a minute, mean", _OBEDIENT, lambda x: (x.changes_per_min,), mean, 1.7, 1.7),
     Bound("changes a minute, most", _OBEDIENT, lambda x: (x.changes_per_min,), max, 2.2, 4.0),
     Bound("announced, mean", _OBEDIENT, lambda x: (x.announced_ratio,), mean, 0.97, 0.97, least=True),
@@ -299,13 +299,13 @@ BOUNDS: Final = (
     Bound("shortest instruction, s", _OBEDIENT, lambda x: (x.shortest_s,), min, 8, 8, least=True),
     Bound("instructions against the grammar, most", _OBEDIENT, lambda x: (x.against_grammar,), max, 0, 1),
     Bound("acts of the last word, most", _OBEDIENT, lambda x: (x.last_word_acts,), max, 0, 1),
-    Bound("latest arrival, s", _OBEDIENT, _kept(lambda x: (x.worst_late_s,)), max, 10, 15),
+    Bound("latest arrival, s", _OBEDIENT, _kept(lambda x: (x.worst_late_s,)), max, 10, 12),
     Bound("late in a section, s, median", _HUMAN, _kept(lambda x: x.sections_late_s), median, 0, 0),
     Bound("saved at equal arrival, mean share", _HUMAN, lambda x: (x.saved_ratio,), mean, 0, 0, least=True),
-    Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.06, least=True),
-    Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 4.5),
-    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 40),
-    Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 3),
+    Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.04, least=True),
+    Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 4.0),
+    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 20),
+    Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 1),
 )
 """Bounds of the goal and of today, with a margin for other seeds; the next planner is judged by the same table."""
 
