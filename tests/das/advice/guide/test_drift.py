@@ -79,6 +79,7 @@ def test_the_usual_loss_is_that_of_running_and_of_braking() -> None:
     expected_s = RUNNING_S_PER_MIN * 240.0 / 60.0 + BRAKING_RATIO * brakes_s
     assert usual.from_s(section.start_m, 240.0) == pytest.approx(expected_s, abs=0.2)
     assert usual.from_s(section.end_m, 0.0) == 0.0
+    assert usual.between_s(section.end_m - 100.0, section.start_m, -200.0) == 0.0, "a point behind the train"
 
 
 def test_only_what_is_lost_just_before_the_stop_is_reserved() -> None:
