@@ -37,7 +37,7 @@ class UsualLoss:
         self._last_from_m = float(np.interp(-LAST_S, -section.fastest_run.time_to_go_s, section.node_m))
 
     def between_s(self, s_m: float, to_m: float, takes_s: float) -> float:
-        """The time (s) usually lost from one position (m) to another, which takes `takes_s`; 0 if that one is behind."""
+        """The time (s) usually lost between two positions (m), in `takes_s`; 0 if the second is behind the first."""
         here_s, there_s = np.interp((s_m, to_m), self._node_m, self._braking_s)
         return RUNNING_S_PER_MIN * max(takes_s, 0.0) / 60.0 + BRAKING_RATIO * max(float(here_s - there_s), 0.0)
 
