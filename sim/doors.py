@@ -27,7 +27,6 @@ MEASURES: Final = "das.measures"
 """Group of measures: functions of a `DriveTable` that return a number or None, named by a column with unit."""
 IMPORTERS: Final = "das.importers"
 """Group of importers: functions that read a train in another program's format, named by file extension."""
-GROUPS: Final = (DRIVERS, PRESENTATIONS, MEASURES, IMPORTERS)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -148,8 +148,7 @@ class Handling:
         train: TrainNumbers,
         friction: FrictionPolicy = FrictionPolicy.AS_MEASURED,
     ) -> None:
-        self._human, self._errors, self._mark = human, errors, mark
-        self._friction = friction
+        self._human, self._errors, self._mark, self._friction = human, errors, mark, friction
         self._hold, self._ceiling = SpeedHold(human), SpeedHold(human)
         self._braking = False
         self.brakes_hard = False
@@ -157,11 +156,6 @@ class Handling:
         self._roll_off = RollOff()
         self.efforts = Efforts.at(0.0, train)
         """The largest efforts of the train at the present speed."""
-
-    @property
-    def needs_brakes(self) -> bool:
-        """Whether a limit or a stop requires braking, with the driver's margins."""
-        return self._braking
 
     def stand(self) -> None:
         """Record that the train stands: the driver is neither correcting nor braking."""

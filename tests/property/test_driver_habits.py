@@ -87,7 +87,7 @@ class WatchedHand:
         mode, advised = (None, 0.0) if view is None else (view.mode, view.lever_ratio)
         below_mps = may_mps - cab.speed_mps
         self.looks.append(
-            ControllerLook(cab.time_s, cab.speed_mps, command.value, mode, advised, below_mps, handling.needs_brakes)
+            ControllerLook(cab.time_s, cab.speed_mps, command.value, mode, advised, below_mps, handling._braking)
         )
         return command
 

@@ -161,11 +161,6 @@ class Keeper:
             cause = self._doubt(kept, state, goal) if doubted and kept and not quiet else must
             if cause is ReplanCause.NONE:
                 return kept
-            if doubted and cause is ReplanCause.LATE and kept:
-                least_s = least_time_s(self._section, state.s_m, state.v_mps)
-                if kept.forecast.time_s - least_s <= LATE_GAIN_S:  # No new reference can be earlier by enough.
-                    self._doubted_ns = state.now_ns
-                    return kept
             self._asked = self._ask(cause, kept, state, goal, doubted=doubted)
         if not self._asked.answer.done() or (self._asked.doubted and quiet):
             return kept
