@@ -376,7 +376,7 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
     assert new.reference.replan.cause is ReplanCause.POINT
     at_ns = ns(60.0 + new.forecast.passes_s(point_m))
     assert earliest_ns is None or at_ns >= earliest_ns
-    assert latest_ns is None or at_ns <= latest_ns - ns(5.0)
+    assert latest_ns is None or at_ns <= latest_ns - round(5.0 / NS)
     following = Keeping(new.forecast, 60.0)
     replans, passed_s = ridden(keeper, following, replace(goal, passing=point), range(61, 1000), point_m)
     assert all(one.gain_s > 1.0 for one in replans if one.cause in (ReplanCause.LATE, ReplanCause.EARLY))
