@@ -146,7 +146,7 @@ class BrakingAhead:
     def sooner_s(self, s_m: float, v_mps: float) -> float:
         """The time (s) before the braking curve ahead at which a train with a speed (m/s) begins to brake.
 
-        The curve to a lower limit contains the delay of the brakes only for the difference of the speeds.
+        The curve to a lower limit contains the delay of the brakes only for the speed difference (`ServiceBraking`).
         """
         foot_mps = next((one.speed_mps for one in self._feet if one.at_m > s_m and one.speed_mps < v_mps), 0.0)
         return self._half_build_up_s * foot_mps / max(v_mps, 1.0)

@@ -210,8 +210,8 @@ class InstructionWatch:
 
     def __init__(self) -> None:
         self._counts: Counter[str] = Counter()
-        self._led_to: Counter[float] = Counter()
-        """The number of instructions to each speed (m/s) that is no limit where it is shown."""
+        self._perhaps_odd: Counter[float] = Counter()
+        """Instructions by speed (m/s), if that is neither a whole step nor the limit for which they are shown."""
         self._limits_mps: set[float] = set()
         self._shortest_s = math.inf
         self._now: _Told | None = None
@@ -227,7 +227,7 @@ class InstructionWatch:
     @property
     def found(self) -> InstructionFigures:
         """The figures so far."""
-        odd = sum(count for to_mps, count in self._led_to.items() if _is_odd(to_mps, self._limits_mps))
+        odd = sum(count for to_mps, count in self._perhaps_odd.items() if _is_odd(to_mps, self._limits_mps))
         shortest_s, reliance = self._shortest_s, self._reliance.found
         return InstructionFigures(**self._counts, odd_speeds=odd, shortest_s=shortest_s, reliance=reliance)
 
@@ -266,7 +266,7 @@ class InstructionWatch:
     def _changed(self, before: _Told | None, told: _Told, advice: Any) -> None:
         counts = self._counts
         counts["instructions"] += 1
-        self._led_to[told.to_mps] += _is_odd(told.to_mps, (advice.guide.reason.speed_mps,))
+        self._perhaps_odd[told.to_mps] += _is_odd(told.to_mps, (advice.guide.reason.speed_mps,))
         self._ends(before, told)
         if before is None:
             return

@@ -51,7 +51,7 @@ class UsualLoss:
 
 
 class Drift:
-    """A driver's adherence to references on all sections of a journey: the time that he loses."""
+    """A driver's adherence to references on all sections of a journey: the time lost."""
 
     def __init__(self) -> None:
         self._before: tuple[float, float] | None = None
@@ -73,7 +73,7 @@ class Drift:
         """Exclude the change to the next forecast: it is not due to the driver."""
         self._before = None
 
-    def loss_s(self, usual_s: float, ratio: float) -> float:
-        """The loss (s; a gain < 0) that this driver does not exceed with a probability, if `usual_s` is usual."""
+    def loss_s(self, usual_s: float, probability: float) -> float:
+        """The loss (s; gain < 0) that this driver does not exceed with a probability, where `usual_s` is usual."""
         likely_s = self.ratio * usual_s
-        return likely_s + NormalDist().inv_cdf(ratio) * math.sqrt(VARIANCE_S * likely_s)
+        return likely_s + NormalDist().inv_cdf(probability) * math.sqrt(VARIANCE_S * likely_s)

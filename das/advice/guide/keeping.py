@@ -35,7 +35,7 @@ ASKED_EVERY_S: Final = 30.0
 LEAST_AGE_S: Final = 20.0
 """The age (s) up to which a reference stays unless goal or line changes or it is lost, and its restriction is news."""
 ON_TIME_RATIO: Final = 0.9
-"""The probability with which a reference's reserve keeps a driver on time, at stops where punctuality counts."""
+"""The probability with which a driver is on time at stops where punctuality counts, and keeps each end of a window."""
 ELSEWHERE_RATIO: Final = 0.3
 """The value of `ON_TIME_RATIO` at other stops, after which the next section makes up lateness with less energy."""
 LATE_S: Final = 3.0
@@ -283,7 +283,8 @@ class Keeper:
         return _Gain(energy_j, lateness_s, worth_j)
 
     def _is_better(self, doubt: ReplanCause, gain: _Gain, lambda_w: float) -> bool:
-        least_j = 0.0 if self._front is None else self._front.change_j(lambda_w)
+        assert self._front is not None
+        least_j = self._front.change_j(lambda_w)
         return {
             ReplanCause.POINT: True,
             ReplanCause.LATE: gain.lateness_s > LATE_GAIN_S,
@@ -311,8 +312,7 @@ class Keeper:
         )  # fmt: skip
 
     def _narrowed(self, window: Window, point_m: float, state: TrainState) -> Window:
-        """The part of a point's window that a reference uses, so that the driver keeps both ends, each with the
-        probability of an arrival that counts."""
+        """The part of a point's window that a reference uses, so that the driver keeps each end of the window."""
         ends_s = [one for one in astuple(window) if math.isfinite(one)]
         if not ends_s:
             return window

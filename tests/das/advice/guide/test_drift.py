@@ -62,7 +62,7 @@ def test_another_reference_is_no_drift_and_a_pause_is_none() -> None:
 def test_the_reserve_is_a_quantile_of_the_loss_to_come() -> None:
     """By hand: with 4 s² a second, 9 s have the standard deviation √(4 · 9) = 6 s; the 90 % quantile is 1.2816 σ.
 
-    One driver in a hundred gains time.
+    One driver in a hundred gains 5 s.
     """
     drift = Drift()
     assert drift.loss_s(9.0, 0.9) == pytest.approx(9.0 + 1.2816 * 6.0, abs=1e-3)

@@ -386,6 +386,22 @@ def test_the_window_of_a_point_is_kept_to_with_a_margin(earlier_s: float | None,
     assert latest_ns is None or ns(passed_s) <= latest_ns
 
 
+def test_the_margins_to_a_window_are_quantiles_of_the_loss_up_to_the_point() -> None:
+    """By hand: nobody brakes in the first minutes, so L s are lost in L min, with the standard deviation 2·√L s.
+
+    The 90 % quantiles are 1.2816 σ from L; a driver who hardly gains time is not held back.
+    """
+    start_m = section_of(LINE).start_m
+    for minutes, least_s, most_s in ((1.0, 1.0 - 2.5632, 1.0 + 2.5632), (9.0, 0.0, 9.0 + 1.2816 * 6.0)):
+        window = PassingTarget(
+            s_m=start_m + 1000.0, earliest_ns=ns(60.0 * minutes), latest_ns=ns(60.0 * minutes + 90.0)
+        )
+        goal = replace(goal_of(LINE, BUFFER), passing=window)
+        wanted = keeper_of(LINE, loses=True)._wanted(TrainState(ns(0), start_m, 0.0), goal)
+        assert wanted.window.earliest_s == pytest.approx(60.0 * minutes - least_s, abs=1e-3)
+        assert wanted.window.latest_s == pytest.approx(60.0 * minutes + 90.0 - most_s, abs=1e-3)
+
+
 def test_who_would_miss_the_window_gets_another_reference() -> None:
     """The train is half a minute ahead of a reference that passes a point just after its earliest time."""
     goal = goal_of(LINE, BUFFER)
