@@ -326,11 +326,10 @@ def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) 
 
 
 def _answered(ahead: BrakingAhead, needed: NeededBrake, state: TrainState, begin_m: float) -> float:
-    """An effort that suffices even if the driver reacts late; above the motors' effort only once needed."""
+    """An effort that suffices even if the driver reacts late; at most the motors' full effort."""
     late_m = max(state.braked_m + state.v_mps * ANSWERED_S, begin_m + state.v_mps * REACTS_S)
     answered = ahead.effort_to(min(late_m, needed.at_m), state.v_mps, needed.at_m, needed.target_mps)
-    most = math.inf if needed.target_mps > SAME_MPS and needed.effort > 1.0 else 1.0
-    return stepped(min(answered, GROWN_RATIO * needed.effort, most))
+    return stepped(min(answered, GROWN_RATIO * needed.effort, 1.0))
 
 
 def _nearly_enough(ahead: BrakingAhead, kept: float, needed: NeededBrake, state: TrainState) -> bool:
