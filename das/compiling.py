@@ -35,6 +35,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import CPUDispatcher
 from numba.core.runtime.nrt import rtsys
 from numba.core.sigutils import normalize_signature
+from numba.core.types import unliteral
 from numba.core.typing.templates import make_concrete_template
 from numba.misc.appdirs import AppDirs
 
@@ -62,6 +63,7 @@ _NumbaCompiler: Any = _numba_dispatcher._FunctionCompiler
 _NumbaDispatcher: Any = CPUDispatcher
 _numba_template: Any = make_concrete_template
 _numba_signature: Any = normalize_signature
+_unliteral: Any = unliteral
 OUR_PACKAGES = frozenset({"das", "precompute", "sim"})
 _FROM = re.compile(rb"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
@@ -158,6 +160,7 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """The call template of this kernel for these argument types; numba requests it while it compiles the caller."""
         pysig, args = self._part_compiler.fold_argument_types(args, kws)
+        args = tuple(_unliteral(given) for given in args)  # else a part is compiled for each constant
         if args not in self._parts:
             self._parts[args] = self._part_compiler.compile(args, None)
         name, signatures = self.py_func.__name__, [part.signature for part in self._parts.values()]

@@ -31,6 +31,9 @@ accelerated the train to a speed. With a manner before `HOLDS` the motion until 
 FROM_ABOVE, COLUMNS, LANDED = 10, 11, 11
 """Columns of holding: `HOLDS` accelerates to an X beyond the step, `FROM_ABOVE` slows down to a lower X. Row `LANDED`
 contains the costs of all manners for the speeds X that are reached within the step."""
+COPIES, NOTHING, PARTS = 16, -1, 33
+"""Sources of a part of the costs: a column of the moves; `COPIES` + a row that is copied; none, for infeasible costs.
+`PARTS` is the largest number of parts on a line."""
 NEAR_MPS = 2.5 * KMH
 """Difference from the train's own speed (m/s), half a step of the advised speeds, below which a speed counts as reached
 and is held."""
@@ -262,53 +265,83 @@ def put_landed(begin, end, v0, ends, step, ahead, grid, price_w, p, c, here, j):
 
 
 @compiled(**PART)
-def put_move(begin, end, manner, column, v0, h, i, moves, ahead, price_w, here, j):
-    """Fill in the costs of a manner for the speeds X from begin to end that its move in row i does not reach."""
-    lower = np.int64(moves.target[i, j, column])
+def put_part(part, v0, h, i, moves, ahead, price_w, here, j):
+    """Fill in a part (manner, begin, end, source) of the costs on line j, for a step of length h from row i of the moves.
+
+    The costs for the speeds X from begin to end are those of a move that does not reach them, or a copy of another row.
+    """
+    manner, begin, end, source = part[0], part[1], part[2], part[3]
+    if source >= COPIES:
+        put_same(begin, end, source - COPIES, here, j, manner)
+        return
+    lower = np.int64(moves.target[i, j, source]) if source >= 0 else -1
     if lower < 0:
         put_none(begin, end, here, j, manner)
         return
-    took = 2.0 * h / (v0 + moves.landing_mps[i, j, column])
-    cost = moves.energy_j[i, j, column] + price_w * took
-    young, w = max(1.0 - took / STANDS_S, 0.0), np.float64(moves.weight[i, j, column])
+    took = 2.0 * h / (v0 + moves.landing_mps[i, j, source])
+    cost = moves.energy_j[i, j, source] + price_w * took
+    young, w = max(1.0 - took / STANDS_S, 0.0), np.float64(moves.weight[i, j, source])
     put_ahead(begin, end, cost, young, w, ahead, lower, manner, here, j, manner)
 
 
-@compiled(**PART)
-def put_held(begin, end, span, here, j, row):
-    """Copy the costs of holding the speeds X from begin to end for which holding is defined."""
-    first, last = min(max(begin, span[0]), end), max(min(end, span[1]), begin)
-    put_none(begin, first, here, j, row)
-    put_same(first, last, HOLDS, here, j, row)
-    put_none(max(first, last), end, here, j, row)
+@kernel
+def add_part(parts, n, manner, begin, end, source):
+    """Write part n, if it is not empty; returns the number of parts."""
+    if begin >= end:
+        return n
+    parts[n, 0], parts[n, 1], parts[n, 2], parts[n, 3] = manner, begin, end, source
+    return n + 1
+
+
+@kernel
+def fill_parts(v0, falls, limit_mps, line_mps, speeds, landing_mps, spans, parts):
+    """Fill in the parts of the costs, in the order in which they can be filled, and the range of X (begin, end) for
+    which each manner is defined; returns the number of parts.
+
+    `landing_mps` are the speeds after the step by column; `falls`: v0 is above the end of the braking curve.
+    """
+    up_to = first_above(speeds, limit_mps + SAME_MPS)
+    equal, above = first_above(speeds, v0 - SAME_MPS), first_above(speeds, v0 + SAME_MPS)
+    lower, higher = first_above(speeds, v0 - line_mps), first_above(speeds, v0 + line_mps)
+    # Holding: slow down to X, reach X in this step, accelerate to X.
+    up, down, begin = landing_mps[HOLDS], landing_mps[FROM_ABOVE], up_to
+    if up > 0.0 and down > 0.0:
+        begin = min(first_above(speeds, v0 - BAND_MPS), up_to)
+    reached = min(max(first_above(speeds, up - SAME_MPS), equal, begin), up_to)
+    below = min(max(first_above(speeds, down - SAME_MPS), begin), reached)
+    n = add_part(parts, 0, HOLDS, 0, begin, NOTHING)
+    n = add_part(parts, n, HOLDS, begin, below, FROM_ABOVE)
+    n = add_part(parts, n, HOLDS, below, reached, COPIES + LANDED)
+    n = add_part(parts, n, HOLDS, reached, up_to, HOLDS)
+    n = add_part(parts, n, HOLDS, up_to, speeds.size, NOTHING)
+    spans[HOLDS, 0], spans[HOLDS, 1] = begin, up_to
+    up_to = max(up_to, above)
+    for column in range(ROLLS + 1):  # X is below the speed and held, or reached in this step, or not reached.
+        m = ROLLS_UP if column == ROLLS else column
+        reached = min(max(first_above(speeds, landing_mps[column] - SAME_MPS), above), up_to)
+        n = add_part(parts, n, m, lower, above, COPIES + HOLDS)
+        n = add_part(parts, n, m, above, reached, COPIES + LANDED)
+        n = add_part(parts, n, m, reached, up_to, column)
+        spans[m, 0], spans[m, 1] = lower, up_to
+    for m in range(ROLLS, HOLDS):
+        v1 = landing_mps[m]
+        reached = min(first_above(speeds, v1 + SAME_MPS), equal) if v1 > 0.0 else equal
+        n = add_part(parts, n, m, 0, reached, m)
+        n = add_part(parts, n, m, reached, equal, COPIES + LANDED)
+        n = add_part(parts, n, m, equal, higher, COPIES + HOLDS)
+        spans[m, 0], spans[m, 1] = 0, higher
+    spans[ON_CURVE, 0], spans[ON_CURVE, 1] = 0, 1
+    return add_part(parts, n, ON_CURVE, 0, 1, ON_CURVE if falls else NOTHING)
 
 
 @compiled(**PART)
-def put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j):
-    """Fill in the costs of holding: slow down to X, reach X in this step, accelerate to X. Returns the range of X."""
-    speeds, up, down = grid.speeds_mps, moves.landing_mps[i, j, HOLDS], moves.landing_mps[i, j, FROM_ABOVE]
-    if up <= 0.0 or down <= 0.0:
-        return up_to, up_to
-    begin = min(first_above(speeds, v0 - BAND_MPS), up_to)
-    above = min(max(first_above(speeds, up - SAME_MPS), equal, begin), up_to)
-    below = min(max(first_above(speeds, down - SAME_MPS), begin), above)
-    put_move(begin, below, HOLDS, FROM_ABOVE, v0, h, i, moves, ahead, price_w, here, j)
-    put_same(below, above, LANDED, here, j, HOLDS)
-    put_move(above, up_to, HOLDS, HOLDS, v0, h, i, moves, ahead, price_w, here, j)
-    return begin, up_to
-
-
-@compiled(**PART)
-def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
+def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans, parts):
     """Fill in the costs of all manners on line j of node k, and the range of X (begin, end) for which each is defined.
 
-    `ahead` are the costs at the next node; row i of the moves is that of node k.
+    `ahead` are the costs at the next node; row i of the moves is that of node k; `parts` is filled anew.
     """
     line, speeds, h, top = grid.line, grid.speeds_mps, grid.line.step_m[k], grid.envelope_mps[k + 1]
     last = k == line.step_m.size - 1
-    up_to = first_above(speeds, grid.limit_mps[k] + SAME_MPS)
-    equal, above = first_above(speeds, v0 - SAME_MPS), first_above(speeds, v0 + SAME_MPS)
-    lower, higher = first_above(speeds, v0 - grid.line_mps), first_above(speeds, v0 + grid.line_mps)
     slowest = fastest = v0
     for m in range(COLUMNS):
         v1 = moves.landing_mps[i, j, m]
@@ -318,26 +351,10 @@ def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans):
         (top if last else 0.0, top), (h, line.constant_n[k], line.tunnel_n_per_mps2[k]), ahead, grid, price_w, p, c,
         here, j,
     )  # fmt: skip
-    spans[HOLDS] = put_holding(v0, equal, up_to, h, i, moves, ahead, grid, price_w, here, j)
-    up_to = max(up_to, above)
-    for column in range(ROLLS + 1):  # X is below the speed and held, or reached in this step, or not reached.
-        m, v1 = ROLLS_UP if column == ROLLS else column, moves.landing_mps[i, j, column]
-        reached = min(max(first_above(speeds, v1 - SAME_MPS), above), up_to)
-        put_held(lower, above, spans[HOLDS], here, j, m)
-        put_same(above, reached, LANDED, here, j, m)
-        put_move(reached, up_to, m, column, v0, h, i, moves, ahead, price_w, here, j)
-        spans[m] = lower, up_to
-    for m in range(ROLLS, HOLDS):
-        v1 = moves.landing_mps[i, j, m]
-        reached = min(first_above(speeds, v1 + SAME_MPS), equal) if v1 > 0.0 else equal
-        put_move(0, reached, m, m, v0, h, i, moves, ahead, price_w, here, j)
-        put_same(reached, equal, LANDED, here, j, m)
-        put_held(equal, higher, spans[HOLDS], here, j, m)
-        spans[m] = 0, higher
-    put_move(0, 1, ON_CURVE, ON_CURVE, v0, h, i, moves, ahead, price_w, here, j)
-    if v0 <= grid.goal_mps[k] + SAME_MPS and not last:
-        put_none(0, 1, here, j, ON_CURVE)
-    spans[ON_CURVE] = 0, 1
+    falls = last or v0 > grid.goal_mps[k] + SAME_MPS
+    n = fill_parts(v0, falls, grid.limit_mps[k], grid.line_mps, speeds, moves.landing_mps[i, j], spans, parts)
+    for at in range(n):
+        put_part(parts[at], v0, h, i, moves, ahead, price_w, here, j)
 
 
 @compiled(**PART)
@@ -405,7 +422,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
     """
     choice, stay = policy
     n = grid.line.step_m.size
-    here, spans = np.zeros_like(ahead), np.zeros((MANNERS, 2), np.int64)
+    here, spans, parts = np.zeros_like(ahead), np.zeros((MANNERS, 2), np.int64), np.zeros((PARTS, 4), np.int64)
     for k in range(last - 1, first - 1, -1):
         i, train = k - first, on_supply(p, grid.line.supply[k])
         envelope, top = grid.envelope_mps[k], grid.envelope_mps[k + 1]
@@ -413,7 +430,7 @@ def guide_sweep(first, last, ahead, grid, p, c, moves, prices, policy):
         slowest = first_above(grid.speeds_mps, min(prices.least_mps, grid.limit_mps[k]) - SAME_MPS)
         for j in range(top_line(envelope, grid.line_mps) + 1):
             v0 = min(j * grid.line_mps, envelope)
-            put_costs(k, i, j, v0, grid, train, c, moves, prices.time_w, ahead, here, spans)
+            put_costs(k, i, j, v0, grid, train, c, moves, prices.time_w, ahead, here, spans, parts)
             rolls_into = top < v0 - SAME_MPS and moves.landing_mps[i, j, FROM_ABOVE] > top - SAME_MPS
             on_curve = rolls_into or k == n - 1
             best, which = best_instruction(v0, on_curve, grid.speeds_mps, slowest, here, j, spans)

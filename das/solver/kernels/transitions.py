@@ -208,37 +208,29 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
         top = envelope[k + 1]
         for j in range(steps + 1):
             speeds[j] = max(grid_speed(floor[k], envelope[k], j, steps), _STANDING_MPS)
-        if k == n - 1 and floor[k + 1] >= top:
-            landing[0, :] = top
-            if p.has_curves:
-                _extremes_on_curves(speeds, h, g, q, curved, found[0])
-                _costs_on_curves(speeds, landing[:1], h, g, q, curved, c, found[0, 1:2], found[1, :1])
-            else:
-                full_effort_landings(1, speeds, h, g, q, here, found[0, 0])
-                costs(speeds, landing[:1], h, g, q, here, c, found[0, 1:2], found[1, :1])
-            _pack_last(
-                k - first,
-                grid_speed(floor[k], envelope[k], 0, steps),
-                found[0, 0],
-                top,
-                found[0, 1],
-                found[1, 0],
-                moves,
-            )
-            continue
+        ends = k == n - 1 and floor[k + 1] >= top
+        rows, took, spent = 1 if ends else LANDINGS, found[2 if ends else 0], found[1]
         if p.has_curves:
             _extremes_on_curves(speeds, h, g, q, curved, found[0])
-            _spread(speeds, top, landing, found[0])
-            _costs_on_curves(speeds, landing, h, g, q, curved, c, found[0], found[1])
         else:
             _extremes(speeds, h, g, q, here, found[0])
+        if ends:
+            landing[0, :] = top
+        else:
             _spread(speeds, top, landing, found[0])
-            costs(speeds, landing, h, g, q, here, c, found[0], found[1])
+        if p.has_curves:
+            _costs_on_curves(speeds, landing[:rows], h, g, q, curved, c, took, spent)
+        else:
+            costs(speeds, landing[:rows], h, g, q, here, c, took, spent)
+        slowest = grid_speed(floor[k], envelope[k], 0, steps)
+        if ends:
+            _pack_last(k - first, slowest, found[0, 0], top, took[0], spent[0], moves)
+            continue
         if floor[k + 1] < top:
-            locations(landing, floor[k + 1], top, float(steps), found[2], found[3], found[1])
+            locations(landing, floor[k + 1], top, float(steps), found[2], found[3], spent)
         else:
             found[2:] = 0.0
-        _pack(k - first, grid_speed(floor[k], envelope[k], 0, steps), speeds, landing, found, moves)
+        _pack(k - first, slowest, speeds, landing, found, moves)
 
 
 @kernel
