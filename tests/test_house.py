@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_240, 140),
+    "das": Budget(27_275, 140),
     "precompute": Budget(10_629, 47),
-    "sim": Budget(35_991, 150),
+    "sim": Budget(35_978, 150),
     "docs/studies": Budget(6_195, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

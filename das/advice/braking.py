@@ -68,6 +68,8 @@ class _Foot(NamedTuple):
     speed_mps: float
     speed_w: float
     braked_m: float
+    demanded: bool
+    """Whether a limit or the stop demands it, not only the brakes that plans may use."""
 
 
 class BrakingAhead:
@@ -84,7 +86,8 @@ class BrakingAhead:
         supplies, which = np.unique(section.supply, return_inverse=True)
         brakes = np.array([kernels.most_braked(1.0, one, self._train) > 0.0 for one in supplies.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet]
+        demanded = envelope[feet] >= self._kept_mps(section.node_m[feet]) - LEVEL_MPS
+        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet], demanded
         self._feet = [_Foot(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
         self._half_build_up_s = 0.5 * section.vehicle.service_brake.build_up_s
         # While a brake is announced, the same effort is computed every second.
@@ -97,6 +100,13 @@ class BrakingAhead:
     def of(section: Section) -> BrakingAhead:
         """The braking ahead on a section, one for all parts of the advice, which ask for the same efforts."""
         return BrakingAhead(section)
+
+    def _kept_mps(self, at_m: Floats) -> Floats:
+        """The speeds (m/s) that plans keep at these places because of the limits alone; 0 at the stop."""
+        section, planned = self.section, self.section.braking
+        early_m, below_mps = (planned.deviation_m, planned.below_limit_mps) if planned else (0.0, 0.0)
+        places = np.searchsorted(section.node_m, at_m + early_m + STOP_SLACK_M, side="right") - 1
+        return np.append(section.limit_mps - below_mps, 0.0)[places]
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will exceed a braking curve ahead within a time (s)."""
@@ -196,6 +206,17 @@ class BrakingAhead:
         return nearest._replace(effort=most.effort)
 
     def _effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
+        effort = self._least_effort(s_m, v_mps, to_m, target_mps)
+        return self.by_policy(effort, s_m, v_mps) if to_m > s_m else effort
+
+    def by_policy(self, effort: float, s_m: float, v_mps: float) -> float:
+        """An effort without the friction brake if plans exclude it, unless limits or the stop ahead demand it."""
+        if effort <= 1.0 or self.section.train.friction_force_n > 0.0:
+            return effort
+        demanded = (one for one in self._feet if one.demanded and one.at_m > s_m and one.speed_mps < v_mps)
+        return min(effort, max(1.0, *(self._least_effort(s_m, v_mps, one.at_m, one.speed_mps) for one in demanded)))
+
+    def _least_effort(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
         stops = target_mps <= SPEED_SLACK_MPS
         to_m, target_mps = (to_m + STOP_SLACK_M, 0.0) if stops else (to_m, target_mps + SPEED_SLACK_MPS)

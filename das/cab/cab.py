@@ -45,6 +45,7 @@ from das.estimate.calibration import Calibrator
 from das.estimate.estimate import Estimate, PositionFix
 from das.estimate.localisation import Localisation
 from das.solver.guide.policies import GuideFront
+from das.solver.section import Section
 from das.solver.warm_up import warm_up as solve_tiny
 
 OVERDUE_PERIODS = 1.2
@@ -349,10 +350,15 @@ class Cab:
 def warm_up() -> None:
     """Run planner, guide and last word on a tiny section, under way and braking for the stop."""
     front = solve_tiny()
-    section = front.section
+    warm_up_advice(front.section, PlanBasis(section=front.section, front=front, source=Source.SOLVED))
+
+
+def warm_up_advice(section: Section, planned: PlanBasis | None = None) -> None:
+    """Run guide and last word on a tiny section, and the planner if a basis for plans is given."""
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
     leg = Leg(start, end, section, guide=True)
-    leg.use(PlanBasis(section=section, front=front, source=Source.SOLVED))
+    if planned is not None:
+        leg.use(planned)
     leg.use_guide(GuideFront(section))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle

@@ -10,6 +10,7 @@ import numpy as np
 
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, InstructionKind, Regime
 from das.advice.shown import STOP_BY_EYE_M
+from das.domain.units import KMH
 from sim.drivers.cab import AdviceView, Asked, CabView, Diary, DriverEvent, asked
 from sim.drivers.handling import CREEPS_MPS, Errors, Hand, Handling, StopMark
 from sim.drivers.kinds import FrictionPolicy
@@ -136,6 +137,7 @@ class DisplayReading:
         self._glance_s, self._act_s = -math.inf, math.inf
         self._seen: AdviceView | None = None
         self._judged: tuple[object, ...] | None = None
+        self._decided: tuple[tuple[object, ...], bool] = (), False
         self._pending: bool | None = None
         self._noticed = 0
         self._announced = Announced()
@@ -149,7 +151,7 @@ class DisplayReading:
 
     def depart(self, cab: CabView) -> None:
         """Look at the display again at departure; the reaction time is already over, so the driver acts immediately."""
-        self.heeded, self._judged, self._pending = Heeded(), None, None
+        self.heeded, self._judged, self._decided, self._pending = Heeded(), None, ((), False), None
         self._glance(cab)
         if self._pending is not None:
             self._act_s = cab.time_s
@@ -203,7 +205,12 @@ class DisplayReading:
             self._pending = False
             self._act_s = now_s + self._reaction_s(Regime.NONE, now_s) if self.heeded.follows else now_s
             return
-        follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
+        # More or less effort for the same speed is the same advice: it needs no new decision.
+        advice = (kind, round(view.speed_mps / KMH)) if says_mode(view) and math.isfinite(view.speed_mps) else ()
+        decided, follow = self._decided
+        if not advice or advice != decided:
+            follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
+        self._decided = advice, follow
         self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 

@@ -174,6 +174,15 @@ class Dynamics:
     step_s: float = 0.05
     """Step (s) of the integration: 20 Hz, well below every time above; steps of 0.02 to 0.1 s give the same results."""
 
+    @classmethod
+    def of(cls, vehicle: Vehicle) -> Dynamics:
+        """The usual dynamics of a train; a friction brake that is its only brake acts fully after the time in its file,
+        and its release takes longer in proportion."""
+        if vehicle.electric_brake.max_force_n > 0.0:
+            return cls()
+        rise_s = max(vehicle.service_brake.build_up_s - cls.friction_dead_s, cls.step_s)
+        return cls(friction_rise_s=rise_s, friction_fall_s=rise_s * cls.friction_fall_s / cls.friction_rise_s)
+
     def actuators(self, train: TrainNumbers) -> Actuators:
         """Dead times and rates of the forces of a train."""
         jerk_n_per_s = self.jerk_mps3 * train.inertial_mass_kg
@@ -238,7 +247,7 @@ class Plant:
         patches: Sequence[Patch] = (),
         dynamics: Dynamics | None = None,
     ) -> None:
-        dynamics = dynamics or Dynamics()
+        dynamics = dynamics or Dynamics.of(vehicle)
         conditions = conditions or Conditions()
         self.route = conditions.line(route)
         self.vehicle = replace(conditions, head_wind_mps=0.0).train(vehicle)

@@ -185,7 +185,8 @@ def _curve(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     above_mps = v_mps - ahead.allowed_mps(state.braked_m)
     if needed.effort > 0.0 and above_mps > SAME_MPS and v_mps > needed.target_mps + OVERSPEED_MPS:
         # An effort that only follows the need would always be too small.
-        needed = needed._replace(effort=max(BRAKED_MORE * needed.effort, ahead.full(state.s_m, v_mps)))
+        more = ahead.by_policy(BRAKED_MORE * needed.effort, state.braked_m, v_mps)
+        needed = needed._replace(effort=max(more, ahead.full(state.s_m, v_mps)))
     if wanted.brakes and -one.effort_ratio >= needed.effort:
         return wanted._replace(exact=max(wanted.exact, needed.effort))
     # A train that accelerates further must brake to this speed; if that is above the present speed, coasting suffices.

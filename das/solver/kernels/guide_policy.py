@@ -266,9 +266,10 @@ def put_landed(begin, end, v0, ends, step, ahead, grid, price_w, p, c, here, j):
 
 @compiled(**PART)
 def put_part(part, v0, h, i, moves, ahead, price_w, here, j):
-    """Fill in a part (manner, begin, end, source) of the costs on line j, for a step of length h from row i of the moves.
+    """Fill in a part (manner, begin, end, source) of the costs on line j, for a step of length h.
 
-    The costs for the speeds X from begin to end are those of a move that does not reach them, or a copy of another row.
+    The costs for the speeds X from begin to end are those of a move (row i) that does not reach them, or a copy of
+    another row.
     """
     manner, begin, end, source = part[0], part[1], part[2], part[3]
     if source >= COPIES:
@@ -338,7 +339,7 @@ def fill_parts(v0, falls, limit_mps, line_mps, speeds, landing_mps, spans, parts
 def put_costs(k, i, j, v0, grid, p, c, moves, price_w, ahead, here, spans, parts):
     """Fill in the costs of all manners on line j of node k, and the range of X (begin, end) for which each is defined.
 
-    `ahead` are the costs at the next node; row i of the moves is that of node k; `parts` is filled anew.
+    `ahead` are the costs at the next node; row i of the moves is that of node k; `parts` is overwritten.
     """
     line, speeds, h, top = grid.line, grid.speeds_mps, grid.line.step_m[k], grid.envelope_mps[k + 1]
     last = k == line.step_m.size - 1

@@ -1,8 +1,8 @@
 """The last word: it replaces what is unsafe in an advice, and leaves a safe advice as it is.
 
-Most tests judge advices made by hand, for a train of 100 t with 60 kN of electric and 60 kN of friction brake, on a
-level line of 10 km with limits of 30, 20 and 30 m/s. The electric brake alone gives 0.6 m/s², so that every braking
-curve has the closed form v² = u² + 2·0.6·d.
+Most tests judge advices made by hand, for a train of 100 t with an electric brake of 60 kN and no other, on a level
+line of 10 km with limits of 30, 20 and 30 m/s. The brake gives 0.6 m/s², so that every braking curve has the closed
+form v² = u² + 2·0.6·d.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ RATE = 0.6
 FULL_N = 60e3
 LINE = make_route(END_M, [(0.0, HIGH), (6_000.0, LOW), (7_000.0, HIGH)])
 TRAIN = replace(
-    make_train(), electric_brake=EffortEnvelope(max_force_n=FULL_N, max_power_w=1e12), friction_brake_force_n=FULL_N
+    make_train(), electric_brake=EffortEnvelope(max_force_n=FULL_N, max_power_w=1e12), friction_brake_force_n=0.0
 )
 BASIS = BrakingBasis(LINE, TRAIN, BrakePolicy.ELECTRIC, (), Conditions(), 0.0, END_M)
 MODEL = BrakingModel(BASIS)
@@ -230,13 +230,12 @@ def test_what_is_wrong_is_caught_and_what_is_said_instead_is_sound(name: str) ->
 
 
 def test_a_brake_is_as_strong_as_needed_and_the_words_say_for_what() -> None:
-    said, (act,) = judged(replace(BRAKES, mode=Regime.COAST, advised_force_n=0.0))
-    # The train may be 2 m further ahead, and a constant force is required.
-    needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * (200.0 - 2 * SD_M))
+    said, (act,) = judged(replace(BRAKES, mode=Regime.COAST, advised_force_n=0.0), at(BRAKE_M, BRAKE_MPS, sd_m=0.0))
+    needed_n = 1e5 * (BRAKE_MPS**2 - LOW**2) / (2 * 200.0)
     assert said.advised_force_n == act.instead_n == pytest.approx(-needed_n)
     assert (said.mode, said.source) == (Regime.FULL_BRAKE, Source.FALLBACK)
     assert words(said.reason) == "72 km/h from km 6.0"
-    assert said.advised_force_ratio == pytest.approx(-needed_n / (2 * FULL_N))
+    assert said.advised_force_ratio == pytest.approx(-needed_n / FULL_N)
     assert list(said.horizon_speed_mps) == sorted(said.horizon_speed_mps, reverse=True)
     assert said.horizon_speed_mps[-1] == pytest.approx(LOW)
     assert said.horizon_speed_mps[2] == pytest.approx(BRAKE_MPS - 3 * needed_n / 1e5, abs=0.05)
@@ -250,14 +249,15 @@ def test_the_words_of_a_brake_name_the_stop_or_say_by_how_much_the_train_is_too_
     assert fast.reason == Reason(code=ReasonCode.TOO_FAST, speed_mps=5.0)
 
 
-def test_friction_brakes_where_the_electric_brake_is_not_enough() -> None:
-    too_fast = BRAKE_MPS + 3.0
-    wrong = advice_of(BRAKE_M, too_fast, Regime.COAST, 0.0, advised_speed_mps=BRAKE_MPS)
-    said, acts = judged(wrong)
+def test_friction_brakes_where_the_electric_brake_is_not_enough_even_if_plans_exclude_it() -> None:
+    """100 m before the lower limit, on the curve of both brakes, each of 60 kN."""
+    v_mps = math.sqrt(LOW**2 + 2 * (2 * RATE) * 100.0)
+    wrong = advice_of(6_000.0 - 100.0, v_mps, Regime.COAST, 0.0)
+    basis = BASIS._replace(vehicle=replace(TRAIN, friction_brake_force_n=FULL_N))
+    said, acts = judged(wrong, at(wrong.s_m, v_mps, sd_m=0.0), basis=basis)
     assert {act.part for act in acts} >= {Part.EFFORT}
     assert said.mode is Regime.FRICTION_BRAKE
-    assert said.advised_force_n == pytest.approx(-1e5 * (too_fast**2 - LOW**2) / (2 * 198.0))
-    assert said.advised_force_n < -FULL_N
+    assert said.advised_force_n == pytest.approx(-2 * FULL_N)
 
 
 def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_not() -> None:
@@ -356,7 +356,7 @@ def test_a_driver_who_brakes_by_eye_to_the_mark_is_told_of_the_limit_before_it()
     assert said.guide is not None
     assert (said.guide.now.speed_mps, said.guide.target_m) == (pytest.approx(28 * KMH), pytest.approx(60.0, abs=0.01))
     assert said.guide.now.effort_ratio == pytest.approx(said.guide.force_n / FULL_N)
-    assert said.guide.lever_ratio == pytest.approx(said.guide.force_n / (2 * FULL_N))
+    assert said.guide.lever_ratio == pytest.approx(said.guide.force_n / FULL_N)
     assert judged(said, basis=STATION)[1] == ()
     behind = replace(wrong, guide=replace(guide, force_n=-40e3, reference_force_n=-40e3))
     assert judged(behind, at(s_m, 6.0), basis=STATION)[1] == (), "a slower train has nothing but the mark before it"
@@ -415,8 +415,7 @@ def test_where_the_line_takes_no_electric_brake_only_friction_slows_the_train() 
     zone = replace(LINE, no_regeneration=(Zone(start_m=5_700.0, length_m=200.0),))
     electric = BrakingModel(BASIS._replace(route=zone))
     assert electric.allowed_mps(5_700.0) == pytest.approx(curve_mps(100.0, LOW), abs=1e-3)
-    blended = replace(TRAIN, brake_policy=BrakePolicy.BLENDED)
-    both = BrakingModel(BASIS._replace(route=zone, vehicle=blended, brakes=BrakePolicy.BLENDED))
+    both = BrakingModel(BASIS._replace(route=zone, vehicle=replace(TRAIN, friction_brake_force_n=FULL_N)))
     assert both.allowed_mps(5_700.0) == pytest.approx(math.sqrt(LOW**2 + 2 * (0.6 * 200.0 + 1.2 * 100.0)), abs=1e-3)
 
 
@@ -444,7 +443,8 @@ def test_it_agrees_with_a_witness_that_reads_the_files(number: int, tmp_path: Pa
     """On random lines with gradients, limits and restrictions; the independent check computes in steps of 1 m."""
     route_file, vehicle_file = write_files(tmp_path, number, blended=number % 2 == 1)
     route, vehicle, random = load_route(str(route_file)), load_vehicle(str(vehicle_file)), np.random.default_rng(number)
-    raw = RawLine(route_file, RawTrain.read(vehicle_file))
+    train = RawTrain.read(vehicle_file)
+    raw = RawLine(route_file, replace(train, friction_n=train.service_friction_n))
     starts = random.uniform(0.0, route.length_m, 3)
     places = tuple((x, x + float(random.uniform(50, 900)), float(random.uniform(6, 30))) for x in starts.tolist())
     restrictions = tuple(Restriction(start_m=a, end_m=b, limit_mps=c) for a, b, c in places)
@@ -459,7 +459,7 @@ def test_it_agrees_with_a_witness_that_reads_the_files(number: int, tmp_path: Pa
 
 
 def test_it_agrees_with_the_envelope_of_the_solver() -> None:
-    route, vehicle = load_route("zurich-luzern"), load_vehicle("re460-ic")
+    route, vehicle = load_route("zurich-luzern"), replace(load_vehicle("re460-ic"), brake_policy=BrakePolicy.BLENDED)
     restrictions = (Restriction(start_m=8_000.0, end_m=9_000.0, limit_mps=15.0),)
     for start, end in zip(route.stops, route.stops[1:], strict=False):
         a, b = start.position_m, end.position_m

@@ -18,7 +18,7 @@ from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import Route, Stretches, Tunnel, Zone
-from das.domain.vehicle import Vehicle
+from das.domain.vehicle import BrakePolicy, ServiceBrake, Vehicle
 from sim.plant.kernels import Command, PlantState
 from sim.plant.plant import COAST, Dynamics, Patch, Plant, force, lever, speed
 from tests.support.making import flat, make_route, make_train
@@ -71,6 +71,28 @@ def test_a_force_is_there_after_its_dead_time_and_build_up() -> None:
         assert state.speed_mps == pytest.approx(v, abs=2e-3)
         assert state.s_m == pytest.approx(s, abs=0.01)
         assert state.force_el_n == 0 or state.time_s > 0.33
+
+
+def test_a_friction_brake_alone_acts_fully_after_the_time_in_the_trains_file() -> None:
+    """3 s after the command it gives its whole 50 kN, and it is released in 15/4 of the 2.5 s in which it rose."""
+    electric = make_train()
+    brake_n = 5e4
+    rubs = replace(
+        electric,
+        electric_brake=EffortEnvelope(max_force_n=0.0, max_power_w=0.0),
+        friction_brake_force_n=brake_n,
+        brake_policy=BrakePolicy.FRICTION,
+        service_brake=ServiceBrake(build_up_s=3.0),
+    )
+    plant = Plant(flat(5000.0), rubs)
+    braked = states_of(plant, plant.at(0.0, 40.0), lever(-1.0), 4.0)
+    reached_s = next(one.time_s for one in braked if one.force_friction_n <= -brake_n + 1.0)
+    assert reached_s == pytest.approx(3.0, abs=2 * plant.step_s)
+    released = states_of(plant, braked[-1], COAST, 12.0)
+    gone_s = next(one.time_s for one in released if one.force_friction_n >= -1.0) - braked[-1].time_s
+    assert gone_s == pytest.approx(2.5 * 15.0 / 4.0, abs=0.6)
+    blended = replace(electric, friction_brake_force_n=brake_n, service_brake=ServiceBrake(build_up_s=3.0))
+    assert Dynamics.of(blended) == Dynamics()
 
 
 def test_coasting_with_quadratic_drag_to_a_standstill() -> None:
