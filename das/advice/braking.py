@@ -7,6 +7,7 @@ application. An effort above 1 uses the friction brake as well.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -68,8 +69,6 @@ class _Foot(NamedTuple):
     speed_mps: float
     speed_w: float
     braked_m: float
-    demanded: bool
-    """Whether a limit or the stop demands it, not only the brakes that plans may use."""
 
 
 class BrakingAhead:
@@ -86,9 +85,9 @@ class BrakingAhead:
         supplies, which = np.unique(section.supply, return_inverse=True)
         brakes = np.array([kernels.most_braked(1.0, one, self._train) > 0.0 for one in supplies.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        demanded = envelope[feet] >= self._kept_mps(section.node_m[feet]) - LEVEL_MPS
-        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet], demanded
+        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet]
         self._feet = [_Foot(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
+        self._demanded = list(_demanded(section))
         self._half_build_up_s = 0.5 * section.vehicle.service_brake.build_up_s
         # While a brake is announced, the same effort is computed every second.
         self.effort_to = lru_cache(maxsize=64)(self._effort_to)
@@ -100,13 +99,6 @@ class BrakingAhead:
     def of(section: Section) -> BrakingAhead:
         """The braking ahead on a section, one for all parts of the advice, which ask for the same efforts."""
         return BrakingAhead(section)
-
-    def _kept_mps(self, at_m: Floats) -> Floats:
-        """The speeds (m/s) that plans keep at these places because of the limits alone; 0 at the stop."""
-        section, planned = self.section, self.section.braking
-        early_m, below_mps = (planned.deviation_m, planned.below_limit_mps) if planned else (0.0, 0.0)
-        places = np.searchsorted(section.node_m, at_m + early_m + STOP_SLACK_M, side="right") - 1
-        return np.append(section.limit_mps - below_mps, 0.0)[places]
 
     def is_due(self, s_m: float, v_mps: float, within_s: float = 0.0) -> bool:
         """Whether a train that keeps its speed will exceed a braking curve ahead within a time (s)."""
@@ -210,11 +202,11 @@ class BrakingAhead:
         return self.by_policy(effort, s_m, v_mps) if to_m > s_m else effort
 
     def by_policy(self, effort: float, s_m: float, v_mps: float) -> float:
-        """An effort without the friction brake if plans exclude it, unless limits or the stop ahead demand it."""
+        """An effort of at most 1 if plans exclude the friction brake, unless limits or the stop ahead demand more."""
         if effort <= 1.0 or self.section.train.friction_force_n > 0.0:
             return effort
-        demanded = (one for one in self._feet if one.demanded and one.at_m > s_m and one.speed_mps < v_mps)
-        return min(effort, max(1.0, *(self._least_effort(s_m, v_mps, one.at_m, one.speed_mps) for one in demanded)))
+        ahead = (self._least_effort(s_m, v_mps, *one) for one in self._demanded if one[0] > s_m and one[1] < v_mps)
+        return min(effort, max(BRAKED_MORE * max(ahead, default=effort), 1.0))
 
     def _least_effort(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         section = self.section
@@ -275,3 +267,12 @@ class BrakingAhead:
 
     def _supply(self, s_m: float) -> float:
         return float(self.section.supply[kernels.interval(self.section.node_m, s_m)])
+
+
+def _demanded(section: Section) -> Iterator[tuple[float, float]]:
+    """The places (m) for which limits or the stop demand a brake, with the speeds (m/s) that plans keep there."""
+    planned = section.braking
+    early_m, below_mps = (planned.deviation_m, planned.below_limit_mps) if planned else (0.0, 0.0)
+    for i in (np.flatnonzero(np.diff(section.limit_mps) < -LEVEL_MPS) + 1).tolist():
+        yield float(section.node_m[i]) - early_m, float(section.limit_mps[i]) - below_mps
+    yield section.end_m, 0.0

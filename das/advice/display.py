@@ -337,7 +337,8 @@ def braked_enough(
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)
     elif state.v_mps > allowed_mps + OVERSPEED_MPS and allowed_mps < planner.limit_mps(state.s_m):
         effort = ahead.largest(state.s_m, state.v_mps)
-    needed_n = ahead.force_n(more_ratio * effort, state.s_m, state.v_mps)
+    effort = ahead.by_policy(more_ratio * effort, state.s_m, state.v_mps)
+    needed_n = ahead.force_n(effort, state.s_m, state.v_mps)
     return (braking_mode(effort), needed_n) if effort > 0.0 and needed_n < force_n else (mode, force_n)
 
 

@@ -493,9 +493,10 @@ class Needed(NamedTuple):
 class BrakingModel:
     """Limits, full braking and forces of one train on one section.
 
-    The train uses all its brakes, also those that its plans do not use, without the electric brake where the line does
-    not accept its power. Where mass or resistance were measured, the model is cautious: the train is never lighter, and
-    never has more resistance, than in its file. Gradients and curves are averaged over the length of the train.
+    The train uses the brakes of its policy, without the electric brake where the line does not accept its power; a
+    friction brake that plans exclude counts up to the service deceleration, because it builds up slowly. Where mass or
+    resistance were measured, the model is cautious: the train is never lighter, and never has more resistance, than in
+    its file. Gradients and curves are averaged over the length of the train.
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
@@ -572,11 +573,15 @@ def _forces_n(train: Vehicle) -> Floats:
     """The forces (N) of a train at speeds 0.1 m/s apart, in the rows that the kernels name."""
     speeds = np.arange(0.0, train.max_speed_mps + BEYOND_TOP_MPS, 1.0 / kernels.STEPS_PER_MPS)
     electric_n, both_n = train.electric_brake_effort_n(speeds), train.brake_effort_n(speeds)
+    friction_n = np.minimum(train.friction_brake_force_n, both_n)
+    blends = train.brake_policy is not BrakePolicy.ELECTRIC
+    service_n = train.service_brake.deceleration_mps2 * train.inertial_mass_kg
     rows = {
         kernels.TRACTION: train.traction_effort_n(speeds),
         kernels.ELECTRIC: electric_n,
         kernels.MOST: both_n,
-        kernels.FRICTION: np.minimum(train.friction_brake_force_n, both_n),
+        kernels.BRAKE: both_n if blends else np.maximum(electric_n, np.minimum(both_n, service_n)),
+        kernels.BRAKE_WITHOUT_MOTORS: friction_n if blends else np.minimum(friction_n, service_n),
         kernels.RUNNING: train.resistance.force_n(speeds),
     }
     return np.array([rows[row] for row in range(len(rows))])

@@ -23,9 +23,9 @@ LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
 """Rows of `places`: the limit over the train (m/s), the deceleration by gradient and curves (m/s²), and whether the
 motors can brake (1 or 0); then three rows for the allowed speeds, and three for the bounds, which include tolerances:
 the square of the speed at the beginning of the interval, at its end, and the highest in it (m²/s²)."""
-TRACTION, ELECTRIC, MOST, FRICTION, RUNNING = 0, 1, 2, 3, 4
-"""Rows of `forces` (N): the largest traction, the largest electric brake, the largest force of all brakes, the friction
-brake alone, and the running resistance."""
+TRACTION, ELECTRIC, MOST, BRAKE, BRAKE_WITHOUT_MOTORS, RUNNING = 0, 1, 2, 3, 4, 5
+"""Rows of `forces` (N): the largest traction, the largest electric brake, the largest force of all brakes, full braking
+with motors and without them, and the running resistance."""
 
 
 @kernel
@@ -76,7 +76,7 @@ def resisting(nodes, places, forces, mass, s, v):
 @kernel
 def full_brake(nodes, places, forces, mass, most, s, v):
     """The force (N, >= 0) of full braking at a position and speed."""
-    row = MOST if places[MOTORS, interval(nodes, s)] > 0.0 else FRICTION
+    row = BRAKE if places[MOTORS, interval(nodes, s)] > 0.0 else BRAKE_WITHOUT_MOTORS
     return max(min(force_at(forces, row, v), most * mass - resisting(nodes, places, forces, mass, s, v)), 0.0)
 
 
@@ -104,7 +104,7 @@ def _deceleration(places, forces, mass, most, i, w):
     more."""
     x = min(math.sqrt(max(w, 0.0)) * STEPS_PER_MPS, forces.shape[1] - 1.001)
     k = int(x)
-    row = MOST if places[MOTORS, i] > 0.0 else FRICTION
+    row = BRAKE if places[MOTORS, i] > 0.0 else BRAKE_WITHOUT_MOTORS
     before, after = forces[row, k] + forces[RUNNING, k], forces[row, k + 1] + forces[RUNNING, k + 1]
     rate = (before + (x - k) * (after - before)) / mass + places[LINE, i]
     return min(rate, max(most, places[LINE, i]))

@@ -354,7 +354,7 @@ def warm_up() -> None:
 
 
 def warm_up_advice(section: Section, planned: PlanBasis | None = None) -> None:
-    """Run guide and last word on a tiny section, and the planner if a basis for plans is given."""
+    """Run guide, planner and last word on a tiny section of 400 m; plans use the given basis, or none."""
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
     leg = Leg(start, end, section, guide=True)
     if planned is not None:

@@ -202,7 +202,7 @@ class DisplayReading:
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
-            self._pending = False
+            self._pending, self._decided = False, ((), False)
             self._act_s = now_s + self._reaction_s(Regime.NONE, now_s) if self.heeded.follows else now_s
             return
         # More or less effort for the same speed is the same advice: it needs no new decision.
@@ -210,8 +210,8 @@ class DisplayReading:
         decided, follow = self._decided
         if not advice or advice != decided:
             follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
+            self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._decided = advice, follow
-        self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
         self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
 
     def _followed_ratio(self, view: AdviceView, kind: InstructionKind) -> float:

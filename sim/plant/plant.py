@@ -176,8 +176,8 @@ class Dynamics:
 
     @classmethod
     def of(cls, vehicle: Vehicle) -> Dynamics:
-        """The usual dynamics of a train; a friction brake that is its only brake acts fully after the time in its file,
-        and its release takes longer in proportion."""
+        """The usual dynamics of a train; without an electric brake, its friction brake acts fully after the time in its
+        file (or that of the jerk limit), and its release takes longer in proportion."""
         if vehicle.electric_brake.max_force_n > 0.0:
             return cls()
         rise_s = max(vehicle.service_brake.build_up_s - cls.friction_dead_s, cls.step_s)

@@ -27,4 +27,3 @@ def _drive(section: Section) -> None:
     plant.gradient_ratio(start.s_m)
     plant.weather(start)
     lever_ratio(demanded(COAST, 0.0, start.speed_mps, train), start.speed_mps, train)
-

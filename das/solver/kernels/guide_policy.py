@@ -299,7 +299,8 @@ def fill_parts(v0, falls, limit_mps, line_mps, speeds, landing_mps, spans, parts
     """Fill in the parts of the costs, in the order in which they can be filled, and the range of X (begin, end) for
     which each manner is defined; returns the number of parts.
 
-    `landing_mps` are the speeds after the step by column; `falls`: v0 is above the end of the braking curve.
+    `landing_mps` are the speeds after the step by column; `falls`: v0 is above the end of the braking curve,
+    or the step is the last.
     """
     up_to = first_above(speeds, limit_mps + SAME_MPS)
     equal, above = first_above(speeds, v0 - SAME_MPS), first_above(speeds, v0 + SAME_MPS)

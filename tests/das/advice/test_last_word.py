@@ -36,10 +36,11 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.restriction import Restriction
 from das.domain.route import Zone
 from das.domain.units import KMH
-from das.domain.vehicle import BrakePolicy
+from das.domain.vehicle import BrakePolicy, ServiceBrake
 from das.estimate.estimate import Estimate
 from das.solver.section import build_section
 from sim.drivers.kinds import DriverKind, Presentation
+from sim.plant.plant import Plant, lever
 from sim.world.in_process import InProcess
 from sim.world.loop import World as ClosedLoop
 from sim.world.scenario import load_scenario
@@ -57,6 +58,8 @@ LINE = make_route(END_M, [(0.0, HIGH), (6_000.0, LOW), (7_000.0, HIGH)])
 TRAIN = replace(
     make_train(), electric_brake=EffortEnvelope(max_force_n=FULL_N, max_power_w=1e12), friction_brake_force_n=0.0
 )
+RUBS = replace(TRAIN, friction_brake_force_n=FULL_N)
+"""The train with a friction brake of 60 kN that its plans do not use."""
 BASIS = BrakingBasis(LINE, TRAIN, BrakePolicy.ELECTRIC, (), Conditions(), 0.0, END_M)
 MODEL = BrakingModel(BASIS)
 FAST_M, SD_M = 2_000.0, 1.0
@@ -250,14 +253,27 @@ def test_the_words_of_a_brake_name_the_stop_or_say_by_how_much_the_train_is_too_
 
 
 def test_friction_brakes_where_the_electric_brake_is_not_enough_even_if_plans_exclude_it() -> None:
-    """100 m before the lower limit, on the curve of both brakes, each of 60 kN."""
-    v_mps = math.sqrt(LOW**2 + 2 * (2 * RATE) * 100.0)
+    """100 m before the lower limit 0.9 m/s² are needed; the electric brake gives 0.6, both give 1.2."""
+    v_mps = math.sqrt(LOW**2 + 2 * 0.9 * 100.0)
     wrong = advice_of(6_000.0 - 100.0, v_mps, Regime.COAST, 0.0)
-    basis = BASIS._replace(vehicle=replace(TRAIN, friction_brake_force_n=FULL_N))
+    basis = BASIS._replace(vehicle=RUBS)
     said, acts = judged(wrong, at(wrong.s_m, v_mps, sd_m=0.0), basis=basis)
     assert {act.part for act in acts} >= {Part.EFFORT}
     assert said.mode is Regime.FRICTION_BRAKE
-    assert said.advised_force_n == pytest.approx(-2 * FULL_N)
+    assert said.advised_force_n == pytest.approx(-0.9e5)
+
+
+def test_friction_that_plans_exclude_counts_up_to_the_service_deceleration() -> None:
+    """It builds up in seconds: who applies both brakes fully on the curve stops before the mark all the same."""
+    service = replace(RUBS, service_brake=ServiceBrake(deceleration_mps2=0.7))
+    model = BrakingModel(BASIS._replace(vehicle=service))
+    assert model.allowed_mps(END_M - 200.0) == pytest.approx(math.sqrt(2 * 0.7 * 200.0), abs=1e-3)
+    for way_m in (100.0, 200.0, 400.0):
+        plant = Plant(make_route(END_M, [(0.0, HIGH)]), service)
+        state = plant.at(END_M - way_m, model.bound_mps(END_M - way_m))
+        while state.speed_mps > 0.0:
+            state = plant.step(state, lever(-1.0))
+        assert state.s_m < END_M + STOP_TOLERANCE_M
 
 
 def test_a_full_brake_passes_where_the_train_is_too_fast_and_a_weaker_one_does_not() -> None:
@@ -415,7 +431,8 @@ def test_where_the_line_takes_no_electric_brake_only_friction_slows_the_train() 
     zone = replace(LINE, no_regeneration=(Zone(start_m=5_700.0, length_m=200.0),))
     electric = BrakingModel(BASIS._replace(route=zone))
     assert electric.allowed_mps(5_700.0) == pytest.approx(curve_mps(100.0, LOW), abs=1e-3)
-    both = BrakingModel(BASIS._replace(route=zone, vehicle=replace(TRAIN, friction_brake_force_n=FULL_N)))
+    blended = replace(RUBS, brake_policy=BrakePolicy.BLENDED)
+    both = BrakingModel(BASIS._replace(route=zone, vehicle=blended, brakes=BrakePolicy.BLENDED))
     assert both.allowed_mps(5_700.0) == pytest.approx(math.sqrt(LOW**2 + 2 * (0.6 * 200.0 + 1.2 * 100.0)), abs=1e-3)
 
 
@@ -443,8 +460,9 @@ def test_it_agrees_with_a_witness_that_reads_the_files(number: int, tmp_path: Pa
     """On random lines with gradients, limits and restrictions; the independent check computes in steps of 1 m."""
     route_file, vehicle_file = write_files(tmp_path, number, blended=number % 2 == 1)
     route, vehicle, random = load_route(str(route_file)), load_vehicle(str(vehicle_file)), np.random.default_rng(number)
-    train = RawTrain.read(vehicle_file)
-    raw = RawLine(route_file, replace(train, friction_n=train.service_friction_n))
+    if vehicle.brake_policy is BrakePolicy.ELECTRIC:  # The witness does not count a friction brake that plans exclude.
+        vehicle = replace(vehicle, friction_brake_force_n=0.0)
+    raw = RawLine(route_file, RawTrain.read(vehicle_file))
     starts = random.uniform(0.0, route.length_m, 3)
     places = tuple((x, x + float(random.uniform(50, 900)), float(random.uniform(6, 30))) for x in starts.tolist())
     restrictions = tuple(Restriction(start_m=a, end_m=b, limit_mps=c) for a, b, c in places)

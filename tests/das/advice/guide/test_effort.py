@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from das.advice.braking import BrakingAhead, NeededBrake
+from das.advice.braking import BRAKED_MORE, BrakingAhead, NeededBrake
 from das.advice.goal import TrainState
 from das.advice.guide.guard import (
     LESS_RATIO,
@@ -84,17 +84,21 @@ def test_an_effort_that_is_too_small_grows_once_and_asks_for_friction_only_when_
     assert shows(board(0.7), replace_state(state, 480.0), kept=grown) == grown
     assert shows(board(0.99), state, kept=0.5) == pytest.approx(1.0)
     near, limited = at(330.0, 100), BrakingAhead(flat((BOARD_M, 6_000.0, 60.0)))
-    assert shows(board(limited.effort_to(near.s_m, near.v_mps, BOARD_M, TO_MPS)), near, kept=1.0) > 1.0
+    assert limited.effort_to(near.s_m, near.v_mps, BOARD_M, TO_MPS) > 1.1
+    assert shows(board(1.1), near, kept=1.0) == pytest.approx(1.1), "no more than needed"
 
 
 def test_friction_that_plans_exclude_serves_limits_and_the_stop_but_no_other_place() -> None:
     """The same brake from 100 to 60 km/h in 330 m, without a limit of 60 at its end and with one; and for the stop."""
     place = BOARD_M - 330.0, 100 * KMH, BOARD_M, TO_MPS
     limited = BrakingAhead(flat((BOARD_M, 6_000.0, 60.0)))
-    assert AHEAD.effort_to(*place) == 1.0 < limited.effort_to(*place)
-    assert AHEAD.by_policy(1.5, *place[:2]) == 1.0 < limited.by_policy(1.5, *place[:2])
+    needed = limited.effort_to(*place)
+    assert AHEAD.effort_to(*place) == 1.0 < needed
+    assert AHEAD.by_policy(1.5, *place[:2]) == 1.0
+    assert limited.by_policy(9.0, *place[:2]) == pytest.approx(BRAKED_MORE * needed)
     end_m = AHEAD.section.end_m
     assert AHEAD.effort_to(end_m - 330.0, 100 * KMH, end_m, 0.0) > 1.0
+    assert AHEAD.by_policy(1.5, end_m + 1.0, 5.0) == 1.5, "beyond the stop there is nothing to keep to"
 
 
 def replace_state(state: TrainState, way_left_m: float) -> TrainState:
