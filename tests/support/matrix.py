@@ -302,9 +302,9 @@ BOUNDS: Final = (
     Bound("latest arrival, s", _OBEDIENT, _kept(lambda x: (x.worst_late_s,)), max, 10, 12),
     Bound("late in a section, s, median", _HUMAN, _kept(lambda x: x.sections_late_s), median, 0, 0),
     Bound("saved at equal arrival, mean share", _HUMAN, lambda x: (x.saved_ratio,), mean, 0, 0, least=True),
-    Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.04, least=True),
+    Bound("saved at equal arrival, least share", _HUMAN, lambda x: (x.saved_ratio,), min, 0, -0.03, least=True),
     Bound("changes a minute on short sections, most", _HUMAN, _short, max, 2.5, 4.0),
-    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 20),
+    Bound("acts of the last word, most", _HUMAN, lambda x: (x.last_word_acts,), max, 0, 5),
     Bound("above a limit while obeying, s", _HUMAN, lambda x: (x.above_limit_obeying_s,), max, 0, 1),
 )
 """Bounds of the goal and of today, with a margin for other seeds; the next planner is judged by the same table."""
