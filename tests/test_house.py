@@ -32,7 +32,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "das": Budget(27_284, 140),
     "precompute": Budget(10_629, 47),
-    "sim": Budget(35_978, 150),
+    "sim": Budget(35_977, 150),
     "docs/studies": Budget(6_195, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

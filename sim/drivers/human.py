@@ -137,7 +137,7 @@ class DisplayReading:
         self._glance_s, self._act_s = -math.inf, math.inf
         self._seen: AdviceView | None = None
         self._judged: tuple[object, ...] | None = None
-        self._decided: tuple[tuple[object, ...], bool] = (), False
+        self._decided: tuple[object, ...] = ()
         self._pending: bool | None = None
         self._noticed = 0
         self._announced = Announced()
@@ -151,7 +151,7 @@ class DisplayReading:
 
     def depart(self, cab: CabView) -> None:
         """Look at the display again at departure; the reaction time is already over, so the driver acts immediately."""
-        self.heeded, self._judged, self._decided, self._pending = Heeded(), None, ((), False), None
+        self.heeded, self._judged, self._decided, self._pending = Heeded(), None, (), None
         self._glance(cab)
         if self._pending is not None:
             self._act_s = cab.time_s
@@ -202,17 +202,17 @@ class DisplayReading:
         self._noticed = 0 if view is None or kind is None else _shown_mode(view)
         self._diary.note(now_s, "noticed", self._noticed)
         if view is None or kind is None:
-            self._pending, self._decided = False, ((), False)
+            self._pending, self._decided = False, ()
             self._act_s = now_s + self._reaction_s(Regime.NONE, now_s) if self.heeded.follows else now_s
             return
         # More or less effort for the same speed is the same advice: it needs no new decision.
         advice = (kind, round(view.speed_mps / KMH)) if says_mode(view) and math.isfinite(view.speed_mps) else ()
-        decided, follow = self._decided
-        if not advice or advice != decided:
+        follow = self.heeded.follows if self._pending is None else self._pending
+        if not advice or advice != self._decided:
             follow = bool(self._chance.choices.random() < self._followed_ratio(view, kind))
             self._diary.note(now_s, "followed" if follow else "refused", self._noticed)
-        self._decided = advice, follow
-        self._pending, self._act_s = follow, now_s + self._reaction_s(self._noticed, now_s)
+        self._pending, self._decided = follow, advice
+        self._act_s = now_s + self._reaction_s(self._noticed, now_s)
 
     def _followed_ratio(self, view: AdviceView, kind: InstructionKind) -> float:
         """The probability that the driver follows advice of a kind; a displayed reason may reduce the refusals."""

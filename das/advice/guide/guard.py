@@ -133,9 +133,9 @@ def _limit(scene: Sight, memory: Memory, wanted: Proposal) -> Proposal:
     falls = place.allowed_mps < place.limit_mps
     if excess > (SAME_MPS if falls or wanted.brakes else BRAKED_MPS):
         needed = ahead.back_under(state.s_m, state.v_mps, limit_mps)
-        # A train above the curve of full braking must not wait while the effort shown grows step by step.
-        planned = ahead.by_policy(needed.effort, state.s_m, state.v_mps)
-        effort = max(planned, ahead.full(state.s_m, state.v_mps)) if falls else needed.effort
+        effort = needed.effort
+        if falls:  # A train above the curve of full braking must not wait while the effort shown grows step by step.
+            effort = max(ahead.by_policy(effort, state.s_m, state.v_mps), ahead.full(state.s_m, state.v_mps))
         if not wanted.brakes or effort > -one.effort_ratio:
             target_mps = min(one.speed_mps, limit_mps)
             return braked(scene, memory, needed._replace(effort=effort, target_mps=target_mps), mode=Lead.GUARD)

@@ -208,7 +208,7 @@ def transitions(first, last, line, bounds, steps, p, c, moves):
         top = envelope[k + 1]
         for j in range(steps + 1):
             speeds[j] = max(grid_speed(floor[k], envelope[k], j, steps), _STANDING_MPS)
-        ends = k == n - 1 and floor[k + 1] >= top
+        ends = k == n - 1 and floor[k + 1] >= top  # There is one landing; found[0, 0] keeps that of full traction.
         rows, took, spent = 1 if ends else LANDINGS, found[2 if ends else 0], found[1]
         if p.has_curves:
             _extremes_on_curves(speeds, h, g, q, curved, found[0])
