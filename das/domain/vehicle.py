@@ -68,6 +68,10 @@ class Resistance:
         return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)
 
 
+AIR_BRAKE_BUILD_UP_S = 4.5
+"""Build-up (s) of a train's brakes if its file has no electric brake and no time: position P, 3 to 5 s (UIC 540)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class ServiceBrake:
     """The braking of a train in normal service: the largest deceleration, and the time until its brakes act fully."""
@@ -75,8 +79,7 @@ class ServiceBrake:
     deceleration_mps2: float = 0.7
     """The largest deceleration in service (m/s²). Default (assumption): a usual value for passenger trains."""
     build_up_s: float = 1.5
-    """Time (s) until the brakes act fully; electric brakes with electronic control take 1 to 2 s, air brakes in
-    position P 3 to 5 s (UIC 540)."""
+    """Time (s) until the brakes act fully; electric brakes with electronic control take 1 to 2 s."""
 
 
 @dataclass(frozen=True, kw_only=True)

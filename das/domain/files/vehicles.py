@@ -22,7 +22,7 @@ from das.domain.loss_chain import Converter, LossChain
 from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
 from das.domain.plausibility import ACCEPTED, INSIST, VEHICLE_CHECKS, checked
 from das.domain.units import FACTORS, KMH, KN
-from das.domain.vehicle import BrakePolicy, Load, Resistance, ServiceBrake, Vehicle
+from das.domain.vehicle import AIR_BRAKE_BUILD_UP_S, BrakePolicy, Load, Resistance, ServiceBrake, Vehicle
 
 MOST_POINTS = 2000
 """Largest number of points of an effort curve."""
@@ -205,6 +205,7 @@ def _lossless(fields: Fields, insist: str) -> Vehicle:
     max_speed_mps = main.quantity("max_speed", "speed")
     modes, mode, efforts = _read_efforts(fields, max_speed_mps)
     friction_n = _alone(fields, "friction_brake", ("max_force", "force"), 0.0)
+    has_electric = efforts.electric_brake.max_force_n > 0
     loads = fields.optional_table("loads")
     tunnels = fields.optional_rows("tunnel_resistance", {"cross_section": "area", "coefficient": "resistance_2"})
     areas, coefficients = check_tunnel_resistance(fields, tunnels)
@@ -220,10 +221,10 @@ def _lossless(fields: Fields, insist: str) -> Vehicle:
         traction=efforts.traction,
         electric_brake=efforts.electric_brake,
         friction_brake_force_n=friction_n,
-        brake_policy=_brake_policy(fields, friction_n, has_electric=efforts.electric_brake.max_force_n > 0),
+        brake_policy=_brake_policy(fields, friction_n, has_electric=has_electric),
         max_acceleration_mps2=main.quantity("max_acceleration", "acceleration", np.inf, unbounded=True),
         max_deceleration_mps2=main.quantity("max_deceleration", "acceleration", np.inf, unbounded=True),
-        service_brake=fields.optional_table("service_brake").made(ServiceBrake),
+        service_brake=_service_brake(fields.optional_table("service_brake"), has_electric=has_electric),
         adhesive_mass_kg=_alone(fields, "adhesion", ("adhesive_mass", "mass"), np.inf, unbounded=True),
         auxiliary_power_w=main.quantity("auxiliary_power", "power", 0.0),
         comfort_power_w=main.quantity("comfort_power", "power", 0.0),
@@ -244,6 +245,13 @@ def _alone(fields: Fields, key: str, quantity: tuple[str, str], default: float, 
     table = fields.table(key)
     table.check_keys(["source", *table.quantity_keys(dict([quantity]))])
     return table.quantity(*quantity, unbounded=unbounded)
+
+
+def _service_brake(table: Fields, *, has_electric: bool) -> ServiceBrake:
+    """The service brake of a file; one that does not say how fast its friction brakes alone act has an air brake."""
+    brake = table.made(ServiceBrake)
+    says = has_electric or table.given_keys("build_up", "time")
+    return brake if says else replace(brake, build_up_s=AIR_BRAKE_BUILD_UP_S)
 
 
 def _brake_policy(fields: Fields, friction_n: float, *, has_electric: bool) -> BrakePolicy:

@@ -95,6 +95,20 @@ def test_a_good_vehicle(tmp_path: Path) -> None:
     assert loss_map.loss_w(force, speed) == pytest.approx(CHAIN.loss_w(force, speed), rel=1e-9)
 
 
+ELECTRIC = "[electric_brake]\nmax_force_n = 90000\nmax_power_kw = 1500.0\n"
+AIR_ONLY = VEHICLE.replace(ELECTRIC, "").replace('"blended"', '"friction"')
+SLOWER = "[service_brake]\nbuild_up_s = 6.0\n"
+
+
+@pytest.mark.parametrize(("text", "build_up_s"), [(VEHICLE, 1.5), (AIR_ONLY, 4.5), (AIR_ONLY + SLOWER, 6.0)])
+def test_brakes_build_up_as_the_file_says_or_as_usual_for_their_kind(
+    text: str, build_up_s: float, tmp_path: Path
+) -> None:
+    path = tmp_path / "t.toml"
+    path.write_text(text)
+    assert read_vehicle(path).service_brake.build_up_s == build_up_s
+
+
 BAD_VEHICLES = [
     ("schema_version = 1", "schema_version = 2", r"schema_version = 2: expected 1"),
     ("schema_version = 1\n", "", r"schema_version is missing: expected 1"),
