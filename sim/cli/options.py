@@ -85,15 +85,14 @@ def removed_if_unused(reserved: Path | None) -> Iterator[None]:
 
 
 @contextmanager
-def naming_recorded(*files: Path | None) -> Iterator[None]:
-    """Print which of the recordings the block has written to if it is interrupted."""
-    before = [_written_ns(one) for one in files]
+def naming_recorded(file: Path | None) -> Iterator[None]:
+    """Print the name of a recording if the block has written to it and is interrupted."""
+    before = _written_ns(file)
     try:
         yield
     except KeyboardInterrupt:
-        begun = [str(one) for one, ns in zip(files, before, strict=True) if _written_ns(one) not in (None, ns)]
-        if begun:
-            print(f"recorded so far: {', '.join(begun)}", file=sys.stderr)
+        if _written_ns(file) not in (None, before):
+            print(f"recorded so far: {file}", file=sys.stderr)
         raise
 
 

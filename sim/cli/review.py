@@ -291,8 +291,7 @@ def print_comparison(aligned: AlignedDrives | None, not_compared: str) -> None:
 
 
 def _print_stretches(aligned: AlignedDrives, index: int) -> None:
-    from das.domain.units import kwh, kwh_figure
-    from sim.drive.events import place_text
+    from das.domain.units import kwh
 
     parted = [
         one for one in aligned.pairs[index].stretches(1) if abs(one.time_s) >= 0.05 or abs(kwh(one.lost_j)) >= 0.005
@@ -303,9 +302,7 @@ def _print_stretches(aligned: AlignedDrives, index: int) -> None:
     table = new_table(title, (), ("from", "to", "time, s", "drawn, kWh", "lost, kWh"), lines=True)
     most = sorted(parted, key=lambda one: -abs(one.lost_j))[:SHOWN]
     for one in sorted(most, key=lambda one: one.start_m):
-        energies = (kwh_figure(energy_j, signed=True, finer=1) for energy_j in (one.energy_j, one.lost_j))
-        numbers = (f"{one.time_s:+.1f}", *energies)
-        table.add_row(place_text(one.start_m), place_text(one.end_m), *numbers)
+        table.add_row(*one.cells)
     print_table(table, {"drawn": "at the current collector", "lost": "without the train's kinetic energy"})
 
 

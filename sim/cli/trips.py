@@ -6,7 +6,6 @@ import json
 import shlex
 import tempfile
 from concurrent.futures import ThreadPoolExecutor, wait
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -26,7 +25,6 @@ from sim.options import LATE_KERNELS, ReplayOptions, TripOptions, VehiclesOption
 if TYPE_CHECKING:
     from das.domain.vehicle import Vehicle
     from sim.drive.comparison import AlignedDrives
-    from sim.drive.drive import Drive
 
 
 def trip(
@@ -235,8 +233,8 @@ def _print(found: AlignedDrives) -> None:
     start, end = before.calls[0], before.calls[-1]
     rows = (
         ("", "as recorded", "with the guide"),
-        (f"leaves {start.name} (due {_clock(before, start.due_departure_ns)})", *_times(found, first=True)),
-        (f"arrives at {end.name} (due {_clock(before, end.due_arrival_ns)})", *_times(found, first=False)),
+        (f"leaves {start.name} (due {before.table.clock.of_day(start.due_departure_ns)})", *_times(found, first=True)),
+        (f"arrives at {end.name} (due {before.table.clock.of_day(end.due_arrival_ns)})", *_times(found, first=False)),
         ("energy (estimated)", kwh_words(alone_j, finer=-1), kwh_words(guided_j, finer=-1)),
         ("instructions in the cab", "none", f"{after.figures.instructions.instructions}"),
     )
@@ -263,8 +261,4 @@ def _less(energy_j: float) -> str:
 def _times(found: AlignedDrives, *, first: bool) -> list[str]:
     calls = [one.drive.calls[0 if first else -1] for one in found.drives]
     times = [call.departed_ns if first else call.arrived_ns for call in calls]
-    return [_clock(one.drive, time_ns) for one, time_ns in zip(found.drives, times, strict=True)]
-
-
-def _clock(drive: Drive, time_ns: int) -> str:
-    return f"{datetime.fromtimestamp(round(time_ns * NS), drive.table.zone):%H:%M:%S}"
+    return [one.drive.table.clock.of_day(time_ns) for one, time_ns in zip(found.drives, times, strict=True)]

@@ -2,11 +2,5 @@
 
 from das.command_line.process import start
 
-
-def main() -> None:
-    """Entry point of the server."""
-    start("sim.desk.server")
-
-
 if __name__ == "__main__":
-    main()
+    start("sim.desk.server")

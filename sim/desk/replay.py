@@ -44,14 +44,10 @@ class Replay:
         self.bookmarks = _bookmarks(drive, first_ns)
         """The bookmarks: seconds from the first cab message, and texts."""
 
-    def drive_text(self) -> str:
-        """The data of the replay, as JSON."""
-        shown = [cab_of(cab, self._route) for cab in self.cabs]
-        return encoded({"cabs": shown, "bookmarks": self.bookmarks, "start_s": self._start_s})
-
     def routes(self) -> list[BaseRoute]:
         """The routes that the server answers."""
-        text = self.drive_text()
+        shown = [cab_of(cab, self._route) for cab in self.cabs]
+        text = encoded({"cabs": shown, "bookmarks": self.bookmarks, "start_s": self._start_s})
 
         async def drive(_request: Request) -> Response:
             return Response(text, media_type="application/json")

@@ -78,15 +78,12 @@ class Knowledge:
         self.inputs, self.leg, self._untold = inputs, compared.leg, compared.front
         self._changes_ns = np.array([epoch.since_ns for epoch in epochs])
         self._told = tuple(self._here(epoch.told) for epoch in epochs)
-        self._front = cache(self._solved)
+        self.front = cache(self._solved)
+        """The front with restrictions: the optimal trajectories for all trip times."""
 
     def told_at(self, time_ns: int) -> Told:
         """The restrictions on this leg that were known and in force at a time (ns)."""
         return self._told[int(np.searchsorted(self._changes_ns, time_ns, side="right")) - 1]
-
-    def front(self, told: Told = frozenset()) -> Front:
-        """The front with restrictions: the optimal trajectories for all trip times."""
-        return self._front(told)
 
     def remaining(self, told: Told, time_s: float, s_m: float, speed_mps: float) -> Solution | None:
         """The optimal trajectory from a state to the end of the leg in a time (s); None if none arrives in time."""
@@ -176,7 +173,7 @@ def committed(
     energies: LegEnergies,
     shown: ShownAdvice,
     signals: Sequence[Signal],
-    every: int = 1,
+    every: int,
 ) -> Committed:
     """The committed energy of a driven leg at each `every`-th sample, with the cause of each rise."""
     leg = knowledge.leg
@@ -203,7 +200,7 @@ def committed(
             cause = EnergyCause.LATENESS
         causes.append(EnergyCause.RESTRICTION if news and not news_j[k] else cause)
     if math.isnan(energy_j[0]):  # the planned train cannot be as fast: its fastest trajectory is used as the optimum
-        energy_j[0] = knowledge.front().fastest().balance.input
+        energy_j[0] = knowledge.front(Told()).fastest().balance.input
     energy_j[-1] = energies.motors_j[-1]
     return Committed(sample=samples, energy_j=energy_j, causes=tuple(causes), news_j=news_j)
 
@@ -268,7 +265,7 @@ def places_between(edges_m: Floats, leg: DrivenLeg, energies: LegEnergies, optim
     """
     run, motion = optimum.trajectory, leg.motion
     inertial_kg = optimum.section.vehicle.inertial_mass_kg
-    moving = _rising(motion.s_m)
+    moving = np.append(np.flatnonzero(np.diff(motion.s_m) > 0), -1)  # of several samples at one position, the last
     # A train may have stood a little beyond the end of the route; its energy counts up to where it stood.
     driven_edges_m = np.concatenate((motion.s_m[:1], edges_m[1:-1], motion.s_m[-1:]))
 
@@ -295,11 +292,6 @@ def even_edges(first_m: float, last_m: float) -> Floats:
     inside_m = np.arange(np.ceil(first_m / PLACE_M), np.floor(last_m / PLACE_M) + 1) * PLACE_M
     kept = inside_m[(inside_m > first_m + PLACE_M / 2.0) & (inside_m < last_m - PLACE_M / 2.0)]
     return np.concatenate(([first_m], kept, [last_m]))
-
-
-def _rising(s_m: Floats) -> NDArray[np.intp]:
-    """The samples at rising positions: of several samples at one position, only the last."""
-    return np.append(np.flatnonzero(np.diff(s_m) > 0), len(s_m) - 1)
 
 
 OTHER_TRAIN: Final = "the true train, wind and rail"
@@ -382,7 +374,6 @@ class LegAttribution(ComparedLeg):
 class Attribution:
     """The energy attributions of all legs of a drive; `above` is the energy that they attribute."""
 
-    inputs: DriveInputs
     above: AboveOptimum
     legs: tuple[LegAttribution, ...]
     advice_shown: bool
@@ -440,7 +431,7 @@ def attribution_of(
         )
         for one in compared
     )  # fmt: skip
-    return Attribution(inputs=inputs, above=above, legs=legs, advice_shown=shown.any_shown)
+    return Attribution(above=above, legs=legs, advice_shown=shown.any_shown)
 
 
 def _leg_attribution(

@@ -25,7 +25,7 @@ from das.advice.advice import Source
 from das.advice.regimes import Regime, mode_name
 from das.domain.errors import DasError
 from das.domain.summary import Summary
-from das.domain.units import NS, kmh, kwh, kwh_words
+from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
 from sim.drive.above_optimum import NOT_COMPARABLE, AboveOptimum, energy_words, known_kwh
 from sim.drive.drive import Drive
 from sim.drive.events import place_text
@@ -348,6 +348,12 @@ class PartedStretch(NamedTuple):
     time_s: float
     energy_j: float
     lost_j: float
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """The stretch in a row of a table: its ends, the time in s, and both energies in kWh."""
+        energies = (kwh_figure(energy_j, signed=True, finer=1) for energy_j in (self.energy_j, self.lost_j))
+        return place_text(self.start_m), place_text(self.end_m), f"{self.time_s:+.1f}", *energies
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

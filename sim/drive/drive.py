@@ -1,7 +1,7 @@
-"""A recorded drive: its table, and the results of five pure functions of it.
+"""A recorded drive: its table, and all that is computed from it.
 
-The functions are `calls`, `events`, `energy`, `figures` and `series`. Each is called once, when its result is first
-needed. Reports, tables, pictures, comparisons and JSON read these results, so that they cannot disagree.
+Each result is computed once, when it is first needed. Reports, tables, pictures, comparisons and JSON read these
+results, so that they cannot disagree.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class Drive(Summary):
     @cached_property
     def energy(self) -> DriveEnergy:
         """The energy of the drive, also by place and cause."""
-        from sim.drive.energy import energy  # imports the solver, which events and stops do not need
+        from sim.drive.energy import DriveEnergy  # imports the solver, which events and stops do not need
 
-        return energy(self.table, self.calls)
+        return DriveEnergy(table=self.table, made=self.calls)
 
     @cached_property
     def series(self) -> Found:

@@ -222,11 +222,6 @@ class DriveEnergy:
         return likely_range(self.compared, self.smoothed)
 
 
-def energy(table: DriveTable, made: tuple[KeptCall, ...]) -> DriveEnergy:
-    """The energy of a drive with these stops as served."""
-    return DriveEnergy(table=table, made=made)
-
-
 def or_error(find: Callable[[], _Found]) -> _Found | DasError:
     """The result of `find`, or the DasError that it raises, so that a cached property keeps either."""
     try:

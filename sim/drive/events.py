@@ -228,14 +228,6 @@ class Span(NamedTuple):
     text: str
 
 
-class Point(NamedTuple):
-    """A target of traffic management: its position (m), the time of its reception by the node, and its demand."""
-
-    s_m: float
-    told_ns: int
-    text: str
-
-
 def silences(table: DriveTable) -> tuple[Span, ...]:
     """The times without advice, each with its first reason: advice withdrawn, or no message from the node.
 
@@ -272,25 +264,9 @@ def _silent(table: DriveTable, first_ns: int, last_ns: int) -> Iterator[tuple[Sp
         yield Span(heard_ns, last_ns, NOT_HEARD), NOT_HEARD
 
 
-def silence_text(span: Span) -> str:
-    """The duration and the reason of a time without advice, in words."""
-    return f"no advice for {(span.end_ns - span.start_ns) * NS:.0f} s: {span.text}"
-
-
 def withdrawal_words(reason: Reason, cause: int) -> str:
     """The reason why advice was withdrawn; in a recording older than the codes of reasons, the name of the cause."""
     return words(reason) or Cause(cause).label.replace("-", " ")
-
-
-def points(table: DriveTable) -> tuple[Point, ...]:
-    """The targets that the node received, each once."""
-    found: dict[tuple[float, str], Point] = {}
-    clock = DriveClock.of(table.recording, int(table.course.time_ns[0]))
-    for one in table.said.targets:
-        said = (("arrival", one.arrival_ns), ("not before", one.earliest_ns), ("not after", one.latest_ns))
-        text = ", ".join(f"{word} {clock.shown(at_ns)}" for word, at_ns in said if at_ns)
-        found.setdefault((one.s_m, text), Point(one.s_m, one.told_ns, text))
-    return tuple(found.values())
 
 
 OFF_PLAN_MPS: Final = 0.3
@@ -405,12 +381,6 @@ def _changed(before: Regime, told: ShownRegime, cause: str, reason: Reason, zone
     }
 
 
-def replan_events(table: DriveTable) -> Iterator[DriveEvent]:
-    """Every plan that replaced another."""
-    for plan in new_plans(table):
-        yield DriveEvent.on(table.course, EventKind.REPLAN, plan.time_ns, f"new plan: {plan.cause}", cause=plan.cause)
-
-
 def withdrawal_events(table: DriveTable) -> Iterator[DriveEvent]:
     """The times without advice, each with its cause and duration."""
     columns = table.of_topic("advice", "source", "cause")
@@ -420,7 +390,8 @@ def withdrawal_events(table: DriveTable) -> Iterator[DriveEvent]:
         unheard = span.text == NOT_HEARD
         cause = "not-heard" if unheard else Cause(int(causes.get(span.start_ns, 0))).label
         yield DriveEvent.on(
-            table.course, EventKind.LAPSE if unheard else EventKind.WITHDRAWAL, span.start_ns, silence_text(span),
+            table.course, EventKind.LAPSE if unheard else EventKind.WITHDRAWAL, span.start_ns,
+            f"no advice for {lasted_s:.0f} s: {span.text}",
             end_ns=span.end_ns, cause=cause, lasted_s=lasted_s, reason=span.text,
         )  # fmt: skip
 
@@ -445,7 +416,10 @@ def events(table: DriveTable, made: tuple[KeptCall, ...], limit_mps: Floats) -> 
         *stand_events(trip, made),
         *_told_events(table),
         *advice_events(table),
-        *replan_events(table),
+        *(
+            DriveEvent.on(trip, EventKind.REPLAN, plan.time_ns, f"new plan: {plan.cause}", cause=plan.cause)
+            for plan in new_plans(table)
+        ),
         *withdrawal_events(table),
         *overspeed_events(trip, limit_mps),
         *top_speed_events(trip, math.inf if inputs is None else inputs.vehicle.max_speed_mps),
@@ -493,9 +467,7 @@ def _notes(table: DriveTable) -> Iterator[DriveEvent]:
 def _told_events(table: DriveTable) -> Iterator[DriveEvent]:
     trip = table.course
     yield from _restrictions(table)
-    for point in points(table):
-        text = f"traffic management: {point.text} at km {point.s_m / KM:.1f}"
-        yield DriveEvent.on(trip, EventKind.TARGET, point.told_ns, text)
+    yield from _targets(table)
     for journey in table.said.journeys[1:]:
         text = f"another journey was received: {' – '.join(stop.name for stop in journey.stops)}"
         yield DriveEvent.on(trip, EventKind.JOURNEY, journey.time_ns, text)
@@ -522,6 +494,18 @@ def _restrictions(table: DriveTable) -> Iterator[DriveEvent]:
             if word == "received" or at <= table.course.time_ns[-1]:
                 text = f"restriction {word}: {one.words_in(table.zone)}"
                 yield DriveEvent.on(table.course, EventKind.RESTRICTION, at, text, **facts)
+
+
+def _targets(table: DriveTable) -> Iterator[DriveEvent]:
+    """The targets of traffic management that the node received, each once."""
+    known = set()
+    for one in table.said.targets:
+        said = (("arrival", one.arrival_ns), ("not before", one.earliest_ns), ("not after", one.latest_ns))
+        wish = ", ".join(f"{word} {table.clock.shown(at_ns)}" for word, at_ns in said if at_ns)
+        if (one.s_m, wish) not in known:
+            text = f"traffic management: {wish} at km {one.s_m / KM:.1f}"
+            yield DriveEvent.on(table.course, EventKind.TARGET, one.told_ns, text)
+        known.add((one.s_m, wish))
 
 
 def _delays(table: DriveTable) -> Iterator[DriveEvent]:

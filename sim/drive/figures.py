@@ -1,14 +1,13 @@
-"""The figures of a drive other than times at stops and energies, each defined once with name, value, unit and words. A
-simulated run counts them while it is driven; for a recording they are counted from its table. JSON contains names and
-values, tables contain labels and words. Stability counts how often the advice on the display changed, second by second.
+"""The figures of a drive other than times at stops and energies. A simulated run counts them while it is driven; for a
+recording they are counted from its table. JSON contains names and values, tables contain labels and words. Stability
+counts how often the advice on the display changed, second by second.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 from das.advice.regimes import BRAKES, TRACTION, Regime
 from das.domain.units import kmh
@@ -137,19 +136,6 @@ def stability(table: DriveTable) -> AdviceStability:
     return watch.found
 
 
-class DriveFigure(NamedTuple):
-    """A figure: its name for programs, its value (None: there is none) and unit, and its label and words for people.
-
-    A figure without a label is only for programs, one without a name only for people.
-    """
-
-    name: str
-    value: float | bool | None
-    unit: str = ""
-    label: str = ""
-    words: str = ""
-
-
 @dataclass(frozen=True, kw_only=True)
 class DriveFigures:
     """Compliance with signals, limits and stops, stability of the advice, and adherence of the guide to its grammar."""
@@ -160,75 +146,64 @@ class DriveFigures:
     calls: tuple[KeptCall, ...] = ()
 
     @property
-    def listed(self) -> tuple[DriveFigure, ...]:
-        """All figures, in the order of tables and JSON."""
-        return (
-            *_of_display(self.stability),
-            *_of_guide(self.instructions),
-            *_of_limits(self.violations),
-            *_of_stops(self.calls),
-        )
+    def stops_missed(self) -> int:
+        """The number of stops that the train reached, but at which it did not stand within `AT_STOP_M`."""
+        return sum(one.reached and not abs(one.stopping_error_m) <= AT_STOP_M for one in self.calls[1:])
 
     def as_dict(self) -> dict[str, float | bool | None]:
-        """The figures for programs, by their names."""
-        return {one.name: one.value for one in self.listed if one.name}
+        """All figures for programs, by their names, which carry the units; None stands for unknown values."""
+        shown, guide, limits = self.stability, self.instructions, self.violations
+        relied = guide.reliance
+        return {
+            "advice_changes_per_min": known(shown.changes_per_min),
+            "reversals": shown.reversals,
+            "shortest_mode_s": known(shown.shortest_mode_s),
+            "advice_restless": shown.warning is not None,
+            "instructions": guide.instructions,
+            "shortest_instruction_s": guide.shortest_s if math.isfinite(guide.shortest_s) else None,
+            "announced_ratio": _ratio(guide.announced, guide.changes),
+            "brakes_led_ratio": _ratio(guide.led, guide.brakes),
+            "effort_changes_per_brake": _ratio(guide.efforts_in_brakes, guide.brakes),
+            "missed_coasts": guide.missed_coasts,
+            "vain_accelerations": guide.vain_accelerations,
+            "odd_speeds": guide.odd_speeds,
+            "standing_acceleration_s": guide.standing_s,
+            "promises_kept_ratio": _ratio(relied.kept, relied.promised),
+            "above_limit_obeying_s": relied.above_limit_s,
+            "hidden_limits": relied.hidden_limits,
+            "last_word_acts": relied.replaced,
+            "availability_ratio": _ratio(relied.advised_s, relied.advised_s + relied.silent_s),
+            "signals_passed": limits.signals_passed,
+            "beyond_signal_m": limits.beyond_signal_m,
+            "over_limit_s": limits.over_limit_s,
+            "over_limit_kmh": kmh(limits.over_limit_mps),
+            "stops_missed": self.stops_missed,
+        }
 
     def rows(self) -> list[tuple[str, str]]:
         """Labels and words for tables, without the figures of a blank display or an absent guide."""
-        return [(one.label, one.words) for one in self.listed if one.label]
+        shown, guide, rows = self.stability, self.instructions, list[tuple[str, str]]()
+        if shown.shown_s:
+            shortest = "–" if math.isnan(shown.shortest_mode_s) else f"{shown.shortest_mode_s:.0f} s"
+            rows += [
+                ("advice changed, while moving", f"{shown.changes_per_min:.1f} times a minute"),
+                ("  from traction to brake or back", times_text(shown.reversals)),
+                ("  shortest mode", shortest),
+            ]
+        if guide.changes:
+            shares = (
+                ("guide's changes announced in time", guide.announced, guide.changes),
+                ("  brakes shown 2 s before they were due", guide.led, guide.brakes),
+                ("  instructions against the grammar", guide.against_grammar, guide.instructions),
+                ("  announced changes kept", guide.reliance.kept, guide.reliance.promised),
+            )
+            rows += [(label, f"{share} of {whole}") for label, share, whole in shares]
+        return rows + ([("stops missed or overrun", str(self.stops_missed))] if self.stops_missed else [])
 
 
 def figures(table: DriveTable, violations: Violations, made: tuple[KeptCall, ...]) -> DriveFigures:
     """The figures of a recorded drive with these violations and these stops as served."""
     return DriveFigures(violations=violations, stability=stability(table), instructions=instructions(table), calls=made)
-
-
-def _of_display(found: AdviceStability) -> Iterator[DriveFigure]:
-    shown = bool(found.shown_s)
-    shortest = "–" if math.isnan(found.shortest_mode_s) else f"{found.shortest_mode_s:.0f} s"
-    for name, value, unit, label, words in (
-        ("advice_changes_per_min", known(found.changes_per_min), "1/min", "advice changed, while moving",
-         f"{found.changes_per_min:.1f} times a minute"),
-        ("reversals", found.reversals, "", "  from traction to brake or back", times_text(found.reversals)),
-        ("shortest_mode_s", known(found.shortest_mode_s), "s", "  shortest mode", shortest),
-    ):  # fmt: skip
-        yield DriveFigure(name, value, unit, label if shown else "", words)
-    yield DriveFigure("advice_restless", found.warning is not None)
-
-
-def _of_guide(found: InstructionFigures) -> Iterator[DriveFigure]:
-    relied, said = found.reliance, found.changes > 0
-
-    def part(name: str, label: str, share: int, whole: int) -> DriveFigure:
-        return DriveFigure(name, _ratio(share, whole), "", label if said else "", f"{share} of {whole}")
-
-    yield DriveFigure("instructions", found.instructions)
-    yield DriveFigure("shortest_instruction_s", found.shortest_s if math.isfinite(found.shortest_s) else None, "s")
-    yield part("announced_ratio", "guide's changes announced in time", found.announced, found.changes)
-    yield part("brakes_led_ratio", "  brakes shown 2 s before they were due", found.led, found.brakes)
-    yield DriveFigure("effort_changes_per_brake", _ratio(found.efforts_in_brakes, found.brakes))
-    yield DriveFigure("missed_coasts", found.missed_coasts)
-    yield DriveFigure("vain_accelerations", found.vain_accelerations)
-    yield DriveFigure("odd_speeds", found.odd_speeds)
-    yield DriveFigure("standing_acceleration_s", found.standing_s, "s")
-    yield part("", "  instructions against the grammar", found.against_grammar, found.instructions)
-    yield part("promises_kept_ratio", "  announced changes kept", relied.kept, relied.promised)
-    yield DriveFigure("above_limit_obeying_s", relied.above_limit_s, "s")
-    yield DriveFigure("hidden_limits", relied.hidden_limits)
-    yield DriveFigure("last_word_acts", relied.replaced)
-    yield DriveFigure("availability_ratio", _ratio(relied.advised_s, relied.advised_s + relied.silent_s))
-
-
-def _of_limits(found: Violations) -> Iterator[DriveFigure]:
-    yield DriveFigure("signals_passed", found.signals_passed)
-    yield DriveFigure("beyond_signal_m", found.beyond_signal_m, "m")
-    yield DriveFigure("over_limit_s", found.over_limit_s, "s")
-    yield DriveFigure("over_limit_kmh", kmh(found.over_limit_mps), "km/h")
-
-
-def _of_stops(made: tuple[KeptCall, ...]) -> Iterator[DriveFigure]:
-    missed = sum(one.reached and not abs(one.stopping_error_m) <= AT_STOP_M for one in made[1:])
-    yield DriveFigure("stops_missed", missed, "", "stops missed or overrun" if missed else "", str(missed))
 
 
 def _ratio(part: int, whole: int) -> float | None:

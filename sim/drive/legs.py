@@ -274,9 +274,8 @@ class LegEnergies:
 
     `balance_j`: as measured, else `blended_j`. `blended_j`: the same motion with the planned train, whose motors and
     friction brake share the braking as recorded. `motors_j`: the same motion with the planned train, whose motors brake
-    first; `trajectory` is that motion, and `index[i]` the sample at its node i. `measured`: `balance_j` was measured.
-    `beyond_s` is the time (s) in which the motion needs more force than the planned train has, and `lacking_ratio` the
-    largest share of a force that it lacks.
+    first; `trajectory` is that motion, and `index[i]` the sample at its node i. `beyond_s` is the time (s) in which the
+    motion needs more force than the planned train has, and `lacking_ratio` the largest share of a force that it lacks.
     """
 
     balance_j: Floats
@@ -284,7 +283,6 @@ class LegEnergies:
     motors_j: Floats
     trajectory: Trajectory
     index: NDArray[np.intp]
-    measured: bool
     beyond_s: float
     lacking_ratio: float
 
@@ -304,7 +302,6 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
     if motion.friction_j is not None:
         extra_j = _blended_input_j(section, driven.trajectory, np.diff(motion.friction_j[index]))
         blended_j = np.interp(nodes, index, np.concatenate(([0.0], np.cumsum(extra_j))))
-    measured = motion.input_j is not None
     balance_j = blended_j if motion.input_j is None else motion.input_j - motion.input_j[0]
     return LegEnergies(
         balance_j=balance_j,
@@ -312,7 +309,6 @@ def leg_energies(section: Section, leg: DrivenLeg) -> LegEnergies:
         motors_j=motors_j,
         trajectory=driven.trajectory,
         index=index,
-        measured=measured,
         beyond_s=float(driven.trajectory.interval_s()[driven.beyond].sum()),
         lacking_ratio=driven.lacking_ratio,
     )
@@ -392,7 +388,7 @@ class ComparedLeg:
     def _beside_optimum(self, driven_j: float) -> SectionEnergy:
         found = SectionEnergy.of(self.leg.start.name, self.leg.end.name, driven_j, self.optimum)
         # The measured train did run like this. If the planned train cannot, the measured one may have been lighter.
-        return replace(found, beyond_s=0.0 if self.energies.measured else self.energies.beyond_s)
+        return replace(found, beyond_s=self.energies.beyond_s if self.leg.motion.input_j is None else 0.0)
 
 
 def beside_optima(inputs: DriveInputs, legs: Iterable[DrivenLeg]) -> tuple[ComparedLeg, ...]:

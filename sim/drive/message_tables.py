@@ -242,14 +242,8 @@ def _type(column: Column, pa: Any) -> Any:
 
 def columns_table(tables: list[DataTable]) -> DataTable:
     """A table of all columns, with the table, kind, unit and meaning of each."""
-    listed = [(table.name, one) for table in tables for one in table.columns]
-    rows = {
-        "table": [name for name, _ in listed],
-        "column": [one.name for _, one in listed],
-        "kind": [one.kind for _, one in listed],
-        "unit": [one.unit for _, one in listed],
-        "meaning": [one.meaning for _, one in listed],
-    }
+    rows = [(table.name, one.name, one.kind, one.unit, one.meaning) for table in tables for one in table.columns]
+    columns = zip(("table", "column", "kind", "unit", "meaning"), zip(*rows, strict=True), strict=True)
     return DataTable(
-        name="columns", columns=[Column(name=name, kind="text", values=values) for name, values in rows.items()]
+        name="columns", columns=[Column(name=name, kind="text", values=[*values]) for name, values in columns]
     )

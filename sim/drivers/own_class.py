@@ -10,6 +10,7 @@ import sys
 import sysconfig
 import traceback
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -105,13 +106,7 @@ def _module(own: OwnClass) -> ModuleType:
 
 
 def _made(own: OwnClass, driver: type, line: LineKnowledge, seed: int) -> Any:
-    ways: tuple[tuple[tuple[Any, ...], dict[str, Any]], ...] = (
-        ((line,), {"seed": seed}),
-        ((line,), {}),
-        ((), {"seed": seed}),
-        ((), {}),
-    )
-    for arguments, named in ways:
+    for arguments, named in product(((line,), ()), ({"seed": seed}, {})):
         if _takes(driver, *arguments, **named):
             try:
                 return driver(*arguments, **named)

@@ -66,12 +66,6 @@ class PageFigure(NamedTuple):
     told: Mapping[str, Any]
 
 
-def last_arrival(drive: Drive) -> KeptCall | None:
-    """The last stop at which the train arrived, if the timetable has a time for it; None if there is none."""
-    known = [one for one in drive.calls[1:] if not math.isnan(one.arrived_late_s)]
-    return known[-1] if known else None
-
-
 def what_happened(drive: Drive) -> str:
     """Sentences on the run, its driver and display, its disturbances, and the places where most time was lost."""
     return " ".join([*ran(drive), *came_about(drive), *where_time_went(drive, MOST_CHANGES)])
@@ -83,7 +77,8 @@ def page_figures(drive: Drive) -> tuple[PageFigure, ...]:
 
 
 def _arrival(drive: Drive) -> PageFigure:
-    name, call, clock = "Arrival against the timetable", last_arrival(drive), drive.table.clock
+    name, clock = "Arrival against the timetable", drive.table.clock
+    call = next((one for one in reversed(drive.calls[1:]) if not math.isnan(one.arrived_late_s)), None)
     told = {
         "arrived_at": None if call is None else call.name,
         "arrived_late_s": None if call is None else call.arrived_late_s,
@@ -224,7 +219,7 @@ def _energy_sure(drive: Drive) -> list[str]:
 def _train_words(drive: Drive) -> str:
     if drive.energy.attribution is None:
         return "it is that of the vehicle file"
-    vehicle = drive.energy.attribution.inputs.vehicle
+    vehicle = drive.table.inputs.vehicle
     length = f", {vehicle.train_length_m:.0f} m" if vehicle.train_length_m else ""
     return f"{vehicle.name}, {vehicle.mass_kg / 1000:.0f} t{length}"
 

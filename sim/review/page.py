@@ -11,14 +11,14 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from das import __version__
 from das.bus.recording import recording_of
-from das.domain.units import kwh, kwh_figure
+from das.domain.units import kwh
 from sim.drive.attribution import as_dict as energy_dict
 from sim.drive.calls import as_rows as stops_as_rows
 from sim.drive.calls import passings_as_rows
 from sim.drive.comparison import AlignedDrives, sentences
 from sim.drive.comparison import as_dict as comparison_dict
 from sim.drive.drive import Drive
-from sim.drive.events import as_rows, place_text
+from sim.drive.events import as_rows
 from sim.meanings import LIGHT
 from sim.recording.check import RATE_COLUMNS, Checked, check_contents
 from sim.recording.opening import open_contents
@@ -104,16 +104,7 @@ def _comparison(aligned: AlignedDrives) -> dict[str, Any]:
         "tables": [
             {
                 "label": aligned.drives[index].label,
-                "rows": [
-                    {
-                        "start": place_text(one.start_m),
-                        "end": place_text(one.end_m),
-                        "time": f"{one.time_s:+.1f}",
-                        "drawn": kwh_figure(one.energy_j, signed=True, finer=1),
-                        "lost": kwh_figure(one.lost_j, signed=True, finer=1),
-                    }
-                    for one in aligned.pairs[index].stretches(1)
-                ],
+                "rows": [one.cells for one in aligned.pairs[index].stretches(1)],
             }
             for index in others
             if not aligned.pairs[index].is_same(1)
@@ -138,7 +129,7 @@ def _drive_dict(subject: ReviewedDrive) -> dict[str, Any]:
         "in_words": " ".join(in_lines(drive)),
         "zero_ns": zero_ns,
         "first_page": first_page_dict(drive),
-        "within_shown_speed_ratio": tables.compliance(drive),
+        "within_shown_speed_ratio": tables.compliance(drive)[0],
         "figures": drive.figures.as_dict(),
         "stops": stops_as_rows(drive.calls, zero_ns),
         "passings": passings_as_rows(tables.passings(drive), zero_ns),

@@ -103,17 +103,11 @@ def light_figure(heights_in: Sequence[float]) -> tuple[Figure, list[Any]]:
     ratios = list(heights_in)
     axes = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)[:, 0].tolist()
     for axis in axes:
-        plain(axis)
+        axis.grid(color=LIGHT.grid, linewidth=0.6)
+        axis.set_axisbelow(True)
+        axis.tick_params(colors=INK, labelsize=TEXT_POINTS)
+        axis.spines[["top", "right"]].set_visible(False)
     return figure, axes
-
-
-def plain(axis: Any) -> None:
-    """Make an axis dark on white, with a light grid behind everything."""
-    axis.grid(color=LIGHT.grid, linewidth=0.6)
-    axis.set_axisbelow(True)
-    axis.tick_params(colors=INK, labelsize=TEXT_POINTS)
-    for side in ("top", "right"):
-        axis.spines[side].set_visible(False)
 
 
 def named(axis: Any, *, x: str = "", y: str = "") -> None:
@@ -266,13 +260,19 @@ def _lost(axis: Any, trace: Trace) -> None:
 
 def _restrictions(axis: Any, scene: ReviewScene) -> None:
     """Draw the temporary restrictions that the train reached, in the colour of the limit, dashed."""
-    for number, one in enumerate(scene.restricted_times()):
-        ends_km, at_kmh = scene.km_at(np.array([one.start_ns, one.end_ns])), np.full(2, kmh(one.limit_mps))
+    trip, first = scene.trip, True
+    for limit in scene.drive.temporary_limits:
+        one = limit.restriction
+        inside = (trip.s_m >= one.start_m) & (trip.s_m <= one.end_m) & limit.holds_at(trip.time_ns)
+        if not inside.any():
+            continue
+        ends_km, at_kmh = scene.km_at(trip.time_ns[inside][[0, -1]]), np.full(2, kmh(one.limit_mps))
         axis.plot(ends_km, at_kmh, color=LIGHT.background, linewidth=2.2, zorder=2.6)
         axis.plot(
             ends_km, at_kmh, linestyle=(0, (1.5, 1.0)), color=LIGHT.of[Meaning.LIMIT], linewidth=2.2, zorder=2.7,
-            label=None if number else "temporary restriction",
+            label="temporary restriction" if first else None,
         )  # fmt: skip
+        first = False
 
 
 def _number(axis: Any, number: int, at_km: float, at_kmh: float, points: float) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta, tzinfo
+from datetime import datetime, timedelta
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from sim.drive.series import BUFFER_PERCENT, QUANTITIES, STYLES, quantity_of
 from sim.meanings import VIEWER, rgba
 from sim.recording.course import STANDING_MPS, DriveClock, DrivenCourse, Floats, Times
 from sim.review.first_page import in_lines
-from sim.review.scene import COST, WAY, Lane, ReviewScene, lane_entity
+from sim.review.scene import COST, WAY, Lane, ReviewScene, instructions, lane_entity
 from sim.review.tables import cause_rows, figures, input_rows
 from sim.review.words import DisplayWords, cards
 
@@ -56,7 +56,6 @@ class Timelines:
 
     trip: DrivenCourse
     clock: DriveClock
-    zone: tzinfo
     opening_ns: int
 
     @classmethod
@@ -67,16 +66,16 @@ class Timelines:
         first_ns = min((one.time_ns for one in scene.bookmarks), default=int(trip.time_ns[0]))
         stood = not (trip.speed_mps[trip.time_ns < first_ns] > STANDING_MPS).any()
         opening_ns = max(first_ns, int(trip.time_ns[0])) if stood else int(trip.time_ns[0])
-        return cls(trip=trip, clock=scene.clock, zone=scene.drive.table.zone, opening_ns=opening_ns)
+        return cls(trip=trip, clock=scene.drive.table.clock, opening_ns=opening_ns)
 
     @property
     def line_clock(self) -> str:
         """The name of the timeline of the line's clock; the list of bookmarks is as wide as this name."""
-        return f"clock in {self.zone}" if str(self.zone) != "UTC" else "clock in UTC (no zone)"
+        return f"clock in {self.clock.zone}" if str(self.clock.zone) != "UTC" else "clock in UTC (no zone)"
 
     def local_ns(self, time_ns: Times) -> Times:
         """Moments on the line's clock (ns since 1970 there); those before the opening are moved to it."""
-        ahead = datetime.fromtimestamp(self.opening_ns * NS, self.zone).utcoffset() or timedelta()
+        ahead = datetime.fromtimestamp(self.opening_ns * NS, self.clock.zone).utcoffset() or timedelta()
         return np.asarray(np.maximum(time_ns, self.opening_ns) + round(ahead.total_seconds() / NS))
 
     def of(self, time_ns: Times) -> list[rr.TimeColumn]:
@@ -96,13 +95,14 @@ class Timelines:
 
 def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> None:
     """Send the whole scene to rerun; the display is in the given language."""
-    out.send_recording_name(f"{scene.recording.train} ({scene.recording.path.name})")
+    out.send_recording_name(f"{scene.drive.recording.train} ({scene.drive.recording.path.name})")
     lines, attribution = Timelines.of_scene(scene), scene.drive.energy.attribution
     for name, (time_ns, values) in scene.series.items():
         if len(time_ns):
             _series(out, lines, name, time_ns, values)
-    for lane in scene.lanes_in_words:
-        _lane(out, lines, lane)
+    said = instructions(scene.drive)
+    for lane in scene.lanes:  # that of the display has its words instead of modes, if it showed how to drive
+        _lane(out, lines, said if lane.name == said.name and said.changes else lane)
     _bookmarks(out, lines, scene)
     _events(out, lines, scene)
     found = cards(scene.drive.table, DisplayWords(language, scene.drive.table.zone))
@@ -117,7 +117,7 @@ def send(out: rr.RecordingStream, scene: ReviewScene, language: Language) -> Non
 
 def summary(scene: ReviewScene) -> str:
     """The first page of the report, its figures and its sources (Markdown)."""
-    recording, filled = scene.recording, scene.filled_from
+    recording, filled = scene.drive.recording, scene.filled_from
     lines = [f"### Train {recording.train}", *(f"**Damaged: {one}.**" for one in recording.health.damage)]
     lines += [f"**{filled[0].upper()}{filled[1:]}.**"] if filled else []
     lines += [f"Also recorded, not shown: {', '.join(recording.trains[1:])}"] if len(recording.trains) > 1 else []
@@ -291,7 +291,8 @@ def _tabs(scene: ReviewScene) -> list[rrb.View]:
 
 
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
-    found, lanes = scene.quantities, {lane.name for lane in scene.lanes}
+    found = {quantity_of(name) for name, (time_ns, _) in scene.series.items() if len(time_ns)}
+    lanes = {lane.name for lane in scene.lanes}
     rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]
     shares = [row.share + LANE_SHARE * len(lanes & set(row.lanes)) for row in shown]

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
+from functools import partial, reduce
+from itertools import groupby, pairwise
+from operator import add
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from das.bus import das_pb2
-from das.bus.recording import Recording
 from das.domain.units import KM, KMH, NS, kwh, kwh_words
 from das.drawing.colors import MODES
 from sim.drive.attribution import Attribution, LegAttribution
@@ -35,7 +35,7 @@ from sim.drivers.cab import AdviceView
 from sim.drivers.kinds import Presentation
 from sim.drivers.presentations.presenter import LaneState, presenter_of, shown_presentation, whole
 from sim.meanings import Meaning, Theme
-from sim.recording.course import DriveClock, DrivenCourse, Floats, Times
+from sim.recording.course import DrivenCourse, Floats, Times
 
 NOTHING: Final = np.empty(0, np.int64), np.empty(0)
 """Times and values of an empty series."""
@@ -246,14 +246,6 @@ class Trace(NamedTuple):
         return quantity_of(self.name)
 
 
-class RestrictedTime(NamedTuple):
-    """The time (ns since 1970) of the train's head within a temporary restriction; the restriction's limit (m/s)."""
-
-    start_ns: int
-    end_ns: int
-    limit_mps: float
-
-
 @dataclass(frozen=True, kw_only=True)
 class ReviewScene:
     """A drive, the series to plot, the lanes of states, and the bookmarks."""
@@ -289,30 +281,9 @@ class ReviewScene:
         )
 
     @property
-    def recording(self) -> Recording:
-        """The recording of the drive."""
-        return self.drive.recording
-
-    @property
     def trip(self) -> DrivenCourse:
         """The positions and speeds of the train."""
         return self.drive.table.course
-
-    @property
-    def clock(self) -> DriveClock:
-        """The clock of the drive."""
-        return self.drive.table.clock
-
-    @property
-    def lanes_in_words(self) -> tuple[Lane, ...]:
-        """The lanes; the display's lane has its words ("hold 120") instead of modes, if it showed how to drive."""
-        said = instructions(self.drive)
-        return tuple(said if one.name == said.name and said.changes else one for one in self.lanes)
-
-    @property
-    def quantities(self) -> set[str]:
-        """The quantities with values to show."""
-        return {quantity_of(name) for name, (time_ns, _) in self.series.items() if len(time_ns)}
 
     def km_at(self, time_ns: Times) -> Floats:
         """Positions of the train (km) at moments (ns since 1970)."""
@@ -336,16 +307,6 @@ class ReviewScene:
                 usual = name == "force/advised"
                 ends += np.percentile(known, USUAL_PERCENT).tolist() if usual else [known.min(), known.max()]
         return (min(ends), max(ends)) if ends else None
-
-    def restricted_times(self) -> Iterator[RestrictedTime]:
-        """The time of the train's head within each restriction that it reached."""
-        trip = self.trip
-        for limit in self.drive.temporary_limits:
-            one = limit.restriction
-            over = (trip.s_m >= one.start_m) & (trip.s_m <= one.end_m) & limit.holds_at(trip.time_ns)
-            if over.any():
-                start_ns, end_ns = trip.time_ns[over][[0, -1]].tolist()
-                yield RestrictedTime(start_ns, end_ns, one.limit_mps)
 
 
 def _placed(drive: Drive) -> Iterator[Trace]:
@@ -386,18 +347,14 @@ class CostSpan(NamedTuple):
     cause: EnergyCause
     energy_j: float
 
-    @property
-    def worth(self) -> bool:
-        """Whether the span cost enough to be shown."""
-        return abs(kwh(self.energy_j)) >= LEAST_KWH
-
 
 def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
     """The lane of energy above the optimum: cause and energy of each span worth showing; no lane without spans."""
     changes: list[Change] = []
     colors: dict[str, str | Meaning] = {}
     for span in (span for leg in attribution.legs for span in spans_of(leg)):
-        text = f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}" if span.worth else ""
+        is_small = abs(kwh(span.energy_j)) < LEAST_KWH
+        text = "" if is_small else f"{kwh_words(span.energy_j, signed=True)} {span.cause.label}"
         if text:
             colors[text] = COST_MEANINGS.get(span.cause, Meaning.LOST)
         while changes and changes[-1].time_ns >= span.start_ns:
@@ -410,17 +367,10 @@ def cost_lanes(attribution: Attribution) -> Iterator[Lane]:
 def spans_of(leg: LegAttribution) -> Iterator[CostSpan]:
     """The spans of a leg, each with a single cause, in order of time."""
     time_ns = leg.leg.motion.time_ns[leg.committed.sample]
-    open_: CostSpan | None = None
-    for rise in leg.committed.rises():
-        start_ns, end_ns = int(time_ns[rise.first]), int(time_ns[rise.last])
-        if open_ is not None and open_.cause is rise.cause:
-            open_ = open_._replace(end_ns=end_ns, energy_j=open_.energy_j + rise.energy_j)
-            continue
-        if open_ is not None:
-            yield open_
-        open_ = CostSpan(start_ns, end_ns, rise.cause, rise.energy_j)
-    if open_ is not None:
-        yield open_
+    for cause, same in groupby(leg.committed.rises(), key=lambda rise: rise.cause):
+        rises = list(same)
+        energy_j = reduce(add, (rise.energy_j for rise in rises))
+        yield CostSpan(int(time_ns[rises[0].first]), int(time_ns[rises[-1].last]), cause, energy_j)
 
 
 def attribution_series(attribution: Attribution) -> Found:

@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from das.advice.regimes import mode_name
-from das.domain.errors import DasError
 from das.domain.levels import Level
 from das.domain.plausibility import energy_range
 from das.domain.units import NS, kmh, kwh, kwh_figure, kwh_words
@@ -55,9 +54,9 @@ def figures(drive: Drive) -> list[tuple[str, str]]:
         lasted_s = [one.facts["lasted_s"] for one in events if one.kind is EventKind.WITHDRAWAL]
         often = f"{times_text(len(lasted_s))}, for {sum(lasted_s):.0f} s in all" if lasted_s else "never"
         rows.append(("advice withdrawn", often))
-    followed = compliance(drive)
+    followed, shown_s = compliance(drive)
     if followed is not None:
-        share = f"{followed:.0%} of {spell(shown_s(drive))}"
+        share = f"{followed:.0%} of {spell(shown_s)}"
         rows.append((f"time within {kmh(APART_MPS):.0f} km/h of the displayed speed", share))
     answers = [one.facts for one in events if "followed" in one.facts]
     if answers:
@@ -243,9 +242,10 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
         if key not in TOLD_ELSEWHERE
     ]
     if drive.energy.attribution is not None:
-        rows.append(("line and train of this page", drive.energy.attribution.inputs.source))
-        vehicle, level = drive.energy.attribution.inputs.vehicle, drive.energy.attribution.inputs.level
+        inputs = drive.table.inputs
+        vehicle, level = inputs.vehicle, inputs.level
         rows += [
+            ("line and train of this page", inputs.source),
             ("energies", "simulated" if drive.energy.attribution.above.measured else "estimated from positions"),
             ("planned mass", f"{vehicle.mass_kg / 1000:.0f} t, train length {vehicle.train_length_m:.0f} m"),
             ("losses of the optimum", LOSSES.get(level, str(level))),
@@ -259,10 +259,9 @@ def input_rows(drive: Drive) -> list[tuple[str, str]]:
 
 def line_rows(drive: Drive) -> list[tuple[str, str]]:
     """Origin of the line's data as its file states it, and the possible error of energies due to altitudes."""
-    try:
-        route = drive.table.inputs.route
-    except DasError:
+    if drive.table.known_inputs is None:
         return []
+    route = drive.table.known_inputs.route
     rows = (("data of the line", route.credit), ("altitudes of the line", energy_range(route)))
     return [(name, text) for name, text in rows if text]
 
@@ -277,26 +276,16 @@ def readable(key: str, value: str) -> tuple[str, str]:
     return key.replace("_", " "), value[:12] + "…" if "sha256" in key and len(value) > 12 else value
 
 
-def compliance(drive: Drive) -> float | None:
-    """The share of the time with a speed to keep in which it was kept within 2 km/h; None if none was shown.
-
-    A speed shown as the highest is also kept at any lower speed.
+def compliance(drive: Drive) -> tuple[float | None, float]:
+    """The share of the time with a speed to keep in which it was kept within 2 km/h (None: none was shown), and that
+    time (s), in which the train moved. A speed shown as the highest is also kept at any lower speed.
     """
     shown, trip = drive.energy.shown, drive.table.course
     speed_mps = trip.at(shown.time_ns, trip.speed_mps)
     given = shown.comparable & (speed_mps > 1.0)
     if not given.any():
-        return None
+        return None, 0.0
     apart_mps = (speed_mps - shown.speed_mps)[given]
     apart_mps = np.where(shown.top_only[given], np.maximum(apart_mps, 0.0), apart_mps)
-    return float((np.abs(apart_mps) <= APART_MPS).mean())
-
-
-def shown_s(drive: Drive) -> float:
-    """The time (s) in which a speed to keep was shown while the train moved."""
-    shown, trip = drive.energy.shown, drive.table.course
-    if len(shown.time_ns) < 2:
-        return 0.0
-    given = shown.comparable & (trip.at(shown.time_ns, trip.speed_mps) > 1.0)
     lasts_s = np.minimum(np.diff(shown.time_ns, append=shown.time_ns[-1]) * NS, HOLDS_S)
-    return float(lasts_s[given].sum())
+    return float((np.abs(apart_mps) <= APART_MPS).mean()), float(lasts_s[given].sum())

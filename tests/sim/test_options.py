@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +16,12 @@ from sim.cli.options import naming_recorded, new_recording, tell_energy_range
 from sim.cli.trips import first_minute
 
 
-def _interrupted(path: Path) -> None:
-    path.write_bytes(b"something")
-    raise KeyboardInterrupt
+def _interrupted(path: Path, *named: Path | None) -> None:
+    with ExitStack() as blocks:
+        for one in named:
+            blocks.enter_context(naming_recorded(one))
+        path.write_bytes(b"something")
+        raise KeyboardInterrupt
 
 
 def test_an_interrupt_names_only_recordings_in_which_there_is_something(
@@ -27,8 +31,8 @@ def test_an_interrupt_names_only_recordings_in_which_there_is_something(
     empty.touch()
     earlier.write_bytes(b"of yesterday")
     os.utime(earlier, (1e9, 1e9))
-    with pytest.raises(KeyboardInterrupt), naming_recorded(empty, None, tmp_path / "none.mcap", begun, earlier):
-        _interrupted(begun)
+    with pytest.raises(KeyboardInterrupt):
+        _interrupted(begun, empty, None, tmp_path / "none.mcap", begun, earlier)
     assert capsys.readouterr().err == f"recorded so far: {begun}\n"
     with pytest.raises(KeyboardInterrupt), naming_recorded(empty):
         raise KeyboardInterrupt

@@ -204,10 +204,10 @@ def test_the_page_answers_what_a_reviewer_asks() -> None:
 def test_the_page_and_its_json_have_every_figure_of_a_drive() -> None:
     drive = fast().drive
     shown, told = dict(tables.figures(drive)), as_dict([fast()], None, "")["drives"][0]["figures"]
-    listed = drive.figures.listed
-    assert sum(bool(one.label) for one in listed) > 2
-    assert {one.label.strip(): one.words for one in listed if one.label}.items() <= shown.items()
-    assert told == {one.name: one.value for one in listed if one.name}
+    rows = drive.figures.rows()
+    assert len(rows) > 2
+    assert {label.strip(): words for label, words in rows}.items() <= shown.items()
+    assert told == drive.figures.as_dict()
 
 
 def test_the_page_says_where_time_was_lost_and_by_what() -> None:

@@ -103,7 +103,8 @@ def test_the_viewer_opens_at_the_first_bookmark_of_a_train_that_stood_until_then
 
 def test_the_timeline_shows_the_clock_of_the_line() -> None:
     scene = ReviewScene.of(Drive(recording=day()))
-    lines = replace(Timelines.of_scene(scene), zone=ZoneInfo("Europe/Zurich"), opening_ns=at_ns(10))
+    clock = replace(scene.drive.table.clock, zone=ZoneInfo("Europe/Zurich"))
+    lines = replace(Timelines.of_scene(scene), clock=clock, opening_ns=at_ns(10))
     ahead_ns = lines.local_ns(np.array([at_ns(5), at_ns(20)])) - np.array([at_ns(10), at_ns(20)])
     assert set((ahead_ns / 3.6e12).tolist()) <= {1.0, 2.0}  # in winter and in summer
     assert lines.line_clock == "clock in Europe/Zurich"

@@ -16,7 +16,7 @@ from das.domain.units import KMH, kwh
 from das.drawing.colors import MODES
 from sim.drive.causes import EnergyCause
 from sim.drive.drive import Drive
-from sim.drive.events import NOT_HEARD, points
+from sim.drive.events import NOT_HEARD, EventKind
 from sim.drive.limits import signals
 from sim.drive.notes import Note, add_note
 from sim.drive.table import DriveTable
@@ -24,6 +24,7 @@ from sim.drivers.kinds import DriverKind
 from sim.meanings import Meaning
 from sim.recording.opening import open_recording
 from sim.review.scene import (
+    LEAST_KWH,
     OTHER_THAN_ADVISED,
     ROUTINE,
     ReviewScene,
@@ -140,8 +141,11 @@ def test_targets_say_what_they_ask() -> None:
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(20), targets=[window])),
         (topics.TARGET, das_pb2.Targets(time_ns=at_ns(30), targets=[window, later])),
     )
-    found = [(x.s_m, x.text) for x in points(DriveTable.of(recording))]
-    assert found == [(800.0, "not before 0:50, not after 1:10"), (1900.0, "arrival 2:00")]
+    found = [(x.time_ns, x.text) for x in Drive(recording=recording).events if x.kind is EventKind.TARGET]
+    assert found == [
+        (at_ns(20), "traffic management: not before 0:50, not after 1:10 at km 0.8"),
+        (at_ns(30), "traffic management: arrival 2:00 at km 1.9"),
+    ]
 
 
 def test_lanes() -> None:
@@ -189,7 +193,8 @@ def test_the_energy_attribution_in_the_viewer_sums_to_the_energy_attribution() -
     assert lane in scene.lanes
     assert sum(span.energy_j for span in spans) == pytest.approx(motion, rel=1e-9)
     in_lane = [change.state for change in lane.changes if change.state]
-    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in spans if one.worth]
+    shown = [one for one in spans if abs(kwh(one.energy_j)) >= LEAST_KWH]
+    assert in_lane == [f"{kwh(one.energy_j):+.1f} kWh {one.cause.label}" for one in shown]
 
 
 def test_the_display_of_a_moving_train_is_in_words_without_changes_that_nobody_reads() -> None:
