@@ -41,8 +41,12 @@ class Role(StrEnum):
     """A person's cab desk: a driver that also reports the actions at the desk."""
 
 
-PUBLISHERS: Final = {Role.SENSORS: ("localisation", "train control"), Role.DESK: ("desk", "driver")}
-"""The publishers of a role in the registry of topics, if their names differ from the name of the role."""
+PUBLISHERS: Final = {
+    Role.SIMULATOR: ("localisation", "train control", "operator", "simulator"),
+    Role.SENSORS: ("localisation", "train control"),
+    Role.DESK: ("desk", "driver"),
+}
+"""The publishers of a role in the registry of topics, unless there is only one, with the name of the role."""
 SUBSCRIBING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
 """Zenoh's messages of a subscriber, including the queries for the last message of a latched topic."""
 PUBLISHING = ["put", "reply", "declare_queryable", "liveliness_token"]
@@ -63,39 +67,25 @@ def common_name(role: Role, train: str) -> str:
 
 def keys_of(role: Role, train: str) -> list[str]:
     """The keys that a role may publish. The simulator stands for localisation, operator and the train itself."""
-    own = [topic for topic in TOPICS if _may_publish(role, topic.publisher)]
+    own = [topic for topic in TOPICS if topic.publisher in PUBLISHERS.get(role, (role,))]
     # A latched topic's history has separate keys, which `**` does not match.
     return [key for t in own for key in (t.key(train), *([f"{t.key(train)}/@adv/**"] if t.latched else []))]
-
-
-def _may_publish(role: Role, publisher: str) -> bool:
-    if role is Role.SIMULATOR:
-        return publisher not in (Role.NODE, Role.RECORDER, Role.DRIVER, Role.DESK)
-    return publisher in PUBLISHERS.get(role, (role,))
 
 
 def access_control(own: Role, train: str) -> dict[str, Any]:
     """Zenoh's `access_control` for a process; whatever no rule allows is denied."""
     roots = sorted({topic.root for topic in TOPICS})
     readable = [f"{root}/{train}/{rest}" for root in (*roots, "*") for rest in ("*", "*/@adv/**")]
-    rules = [_rule("hear", ["ingress", "egress"], SUBSCRIBING, readable)]
-    policies = []
-    for role in Role:
-        names = ["hear"]
-        if keys := keys_of(role, train):
-            rules.append(_rule(f"from-{role}", ["ingress"], PUBLISHING, keys))
-            names.append(f"from-{role}")
-        if keys_of(own, train):
-            names.append("own")
-        policies.append({"id": role, "rules": names, "subjects": [role]})
-    if keys := keys_of(own, train):
-        rules.append(_rule("own", ["egress"], PUBLISHING, keys))
+    hear = _rule("hear", ["ingress", "egress"], SUBSCRIBING, readable)
+    sent = {role: _rule(f"from-{role}", ["ingress"], PUBLISHING, keys_of(role, train)) for role in Role}
+    ours = _rule("own", ["egress"], PUBLISHING, keys_of(own, train))
+    names = {role: [rule["id"] for rule in (hear, sent[role], ours) if rule["key_exprs"]] for role in Role}
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": [rule for rule in (hear, *sent.values(), ours) if rule["key_exprs"]],
         "subjects": [{"id": role, "cert_common_names": [common_name(role, train)]} for role in Role],
-        "policies": policies,
+        "policies": [{"id": role, "rules": names[role], "subjects": [role]} for role in Role],
     }
 
 

@@ -11,7 +11,6 @@ import hashlib
 import json
 import math
 import os
-import tempfile
 from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
@@ -31,7 +30,7 @@ from das.bus.session import Bus
 from das.bus.topics import ADVICE, CONTROL, RECORDER, STATUS, Received, Topic, message_time_ns
 from das.domain.clocks import WALL, Clocks
 from das.domain.errors import DasError
-from das.domain.files.writing import refuse_link, umask
+from das.domain.files.writing import refuse_link, temporary_file
 
 FLUSH_EVERY_S = 0.5
 """Interval (s) between writes to the disk, at most 0.1 s late: a killed recorder loses at most 1.0 s."""
@@ -143,9 +142,7 @@ def _begin(path: Path) -> tuple[IO[bytes], Path | None]:
     try:
         if path.exists() and not path.is_file():  # a device or a pipe is written to, not replaced
             return path.open("wb"), None
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        os.chmod(name, 0o666 & ~umask())
-        return os.fdopen(handle, "wb"), Path(name)
+        return temporary_file(path)
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
 

@@ -11,13 +11,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
-from google.protobuf.message import DecodeError, Message
+from google.protobuf.message import Message
 from mcap import records
 from numpy.typing import NDArray
 
 from das.bus.scanning import SOMEWHERE, UNCHECKED, Damage, Health, Scan
 from das.bus.sealing import CHANNELS, NUMBERED, RECORDING, unsealed
-from das.bus.topics import TOPICS, Topic, topic_of
+from das.bus.topics import TOPICS, Topic, decoded, topic_of
 from das.domain.errors import DasError, InputError
 from das.domain.summary import Summary
 
@@ -53,7 +53,7 @@ class Contents:
     recordings: dict[str, str] = field(default_factory=dict)
     """The recording (`RECORDING`) that holds the messages of a train; empty text for a recording that has no name."""
     attachments: list[records.Attachment] = field(default_factory=list)
-    foreign: dict[str, int] = field(default_factory=dict)
+    foreign: Counter[str] = field(default_factory=Counter)
     health: Health = field(default_factory=lambda: Health(size_bytes=0, complete=False))
 
     @property
@@ -184,18 +184,16 @@ def _read(scan: Scan) -> tuple[Raw, Health]:
     if loose and not trusted:
         what = f"{len(loose)} records outside of chunks, which nothing proves"
         damage.append(Damage(start_byte=loose[0].start_byte, end_byte=loose[-1].start_byte, what=what))
-    messages = raw.messages
     if raw.numbered:  # the recorder writes each message once, so a repeated one is a sign of damage
         once: dict[tuple[int, int, int, bytes], records.Message] = {}
-        for message in messages:
+        for message in raw.messages:
             once.setdefault((message.channel_id, message.sequence, message.log_time, message.data), message)
-        messages = list(once.values())
-    if twice := len(raw.messages) - len(messages):
-        damage.append(Damage(start_byte=0, end_byte=0, what=f"{twice} messages that are in the file twice"))
-    damage += [Damage(start_byte=0, end_byte=0, what=f"wrong checksum in the metadata {name!r}") for name in wrong]
-    raw.messages = messages
+        if twice := len(raw.messages) - len(once):
+            damage.append(Damage(what=f"{twice} messages that are in the file twice"))
+        raw.messages = list(once.values())
+    damage += [Damage(what=f"wrong checksum in the metadata {name!r}") for name in wrong]
     raw.metadata = [(one, True if right is None and trusted else right) for one, right in raw.metadata]
-    unchecked = [*(f"metadata {name!r}" for name in unproven)]
+    unchecked = [f"metadata {name!r}" for name in unproven]
     unchecked += ["messages outside of chunks"] if loose and trusted else []
     return raw, Health(
         size_bytes=scan.size,
@@ -222,28 +220,29 @@ def read_contents(path: Path) -> Contents:
     Raises DasError as `read_raw` does, and if a channel of ours holds messages of another type than its topic's.
     """
     raw, health = read_raw(path)
-    result = Contents(path=path, attachments=raw.attachments)
-    for record, right in raw.metadata:
-        if right is not False:
-            result.metadata_records.append(
-                (record.name if right else f"{UNCHECKED}{record.name}", dict(record.metadata))
-            )
+    marked = ((one, "" if right else UNCHECKED) for one, right in raw.metadata if right is not False)
+    metadata = [(f"{mark}{one.name}", one.metadata) for one, mark in marked]
+    result = Contents(path=path, attachments=raw.attachments, metadata_records=metadata)
     topics = {number: _our_topic(path, channel, raw) for number, channel in raw.channels.items()}
     lost: list[Damage] = []
     sources: list[str] = []
     homeless = 0
     for message in raw.messages:
         channel = raw.channels.get(message.channel_id)
-        topic = topics.get(message.channel_id)
+        topic, at_ns = topics.get(message.channel_id), message.log_time
         if channel is None:
             homeless += 1
         elif topic is None:
-            result.foreign[channel.topic] = result.foreign.get(channel.topic, 0) + 1
-        elif _decode(result, message, channel.topic, topic, lost):
+            result.foreign[channel.topic] += 1
+        elif (found := decoded(topic, channel.topic, message.data).message) is None:
+            lost.append(Damage(what=f"a message of {channel.topic} that cannot be decoded", from_ns=at_ns, to_ns=at_ns))
+        else:
+            train = channel.topic.split("/")[1]
+            result.messages.append(RecordedMessage(train, topic, at_ns, message.sequence, found))
             sources.append(channel.metadata.get(RECORDING, ""))
     if homeless:
         what = f"{homeless} messages of channels that are not described"
-        lost.append(Damage(start_byte=0, end_byte=health.size_bytes, what=what))
+        lost.append(Damage(what=what, end_byte=health.size_bytes))
     result.health = replace(health, damage=(*health.damage, *lost))
     _tell_drives_apart(result, sources, numbered=raw.numbered)
     return result
@@ -287,18 +286,6 @@ def _drives_by_number(found: Contents, train: str, of_train: Sequence[int]) -> l
             "which is which: read the files from which it was merged"
         )
     return drives
-
-
-def _decode(result: Contents, message: records.Message, key: str, topic: Topic, lost: list[Damage]) -> bool:
-    """Add a message to the contents; False, with a note in `lost`, if it cannot be decoded."""
-    try:
-        decoded = topic.message.FromString(message.data)
-    except DecodeError:
-        what = f"a message of {key} that cannot be decoded"
-        lost.append(Damage(start_byte=0, end_byte=0, what=what, from_ns=message.log_time, to_ns=message.log_time))
-        return False
-    result.messages.append(RecordedMessage(key.split("/")[1], topic, message.log_time, message.sequence, decoded))
-    return True
 
 
 def _our_topic(path: Path, channel: records.Channel, raw: Raw) -> Topic | None:

@@ -53,12 +53,12 @@ class Damage:
     """A damaged stretch of a file.
 
     `what` describes it in words. `lost`: it contained messages, attachments or metadata, which are left out.
-    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message; 0: unknown.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message. 0: unknown, as for the place.
     """
 
-    start_byte: int
-    end_byte: int
     what: str
+    start_byte: int = 0
+    end_byte: int = 0
     lost: bool = True
     from_ns: int = 0
     to_ns: int = 0

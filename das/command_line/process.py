@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
@@ -81,25 +81,40 @@ def _has_bytecode() -> bool:
     return numba is not None and numba.cached is not None and Path(numba.cached).exists()
 
 
-@contextlib.contextmanager
-def ended_by_signals() -> Iterator[None]:
-    """Let the signals of `STOP_SIGNALS` end the process immediately, in one line, as long as the block runs.
+def ended_by_signals() -> contextlib.AbstractContextManager[None]:
+    """A block in which the signals of `STOP_SIGNALS` end the process immediately, in one line.
 
     For imports and compilations: an exception during one may turn into any other, so none is raised. Signals that the
     process ignores remain ignored. Nothing that must be cleaned up may be open in the block.
     """
+    heeded = [number for number in STOP_SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    return _handled(heeded, _end_at_once)
+
+
+def interrupted_by_termination() -> contextlib.AbstractContextManager[None]:
+    """A block that SIGTERM and SIGHUP end as Ctrl-C does, so that its child processes are stopped."""
+    return _handled(STOP_SIGNALS, _interrupt)
+
+
+@contextlib.contextmanager
+def _handled(numbers: list[signal.Signals], handle: Callable[[int, FrameType | None], None]) -> Iterator[None]:
+    """Let a function handle signals as long as the block runs; afterwards they are handled as before.
+
+    In another thread nothing changes, as Python signals the main one.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in STOP_SIGNALS}
-    heeded = [number for number, handler in before.items() if handler not in (signal.SIG_IGN, None)]
-    for number in heeded:
-        signal.signal(number, _end_at_once)
+    before = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield
     finally:
-        for number in heeded:
-            signal.signal(number, before[number])
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
 
 
 def _end_at_once(_number: int, _frame: FrameType | None) -> None:
@@ -126,24 +141,3 @@ class StopFlag:
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         self._signalled = True
-
-
-@contextlib.contextmanager
-def interrupted_by_termination() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end a block as Ctrl-C does, so that its child processes are stopped.
-
-    Afterwards signals are handled as before. In another thread nothing changes, as Python signals the main one.
-    """
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.signal(number, interrupt) for number in STOP_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, signal.SIG_DFL if handler is None else handler)

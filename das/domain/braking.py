@@ -10,8 +10,6 @@ if TYPE_CHECKING:
 
 REACTION_S = 1.0
 """Time (s) until a driver acts on an announced change (assumption)."""
-DEVIATION_M = 5.0
-"""Largest expected error of the estimated position (m): two standard deviations of a good localisation (assumption)."""
 
 SERVICE_SHARE = 0.9
 """Largest share of the total brake force, and of the largest deceleration, used by service braking; the rest is a
@@ -33,8 +31,9 @@ class ServiceBraking:
     """The time from the driver's command until the brakes act fully."""
     reaction_s: float = REACTION_S
     """The time from a change on the display until the driver acts on it."""
-    deviation_m: float = DEVIATION_M
-    """Distance (m) by which plans extend a lower limit before its start and beyond its end."""
+    deviation_m: float = 5.0
+    """Distance (m) by which plans extend a lower limit before its start and beyond its end: the largest expected error
+    of the estimated position. Default (assumption): two standard deviations of a good localisation."""
     below_limit_mps: float = 0.0
     """Margin (m/s) by which plans stay below limits."""
 

@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-WALL_NS = time.time_ns
-"""The time of day (ns since 1970); it jumps when the clock is set."""
 MONOTONIC_S = time.monotonic
 """Seconds since an arbitrary start, without jumps: for periodic work."""
 WALL_STOPWATCH = time.perf_counter
@@ -18,8 +16,8 @@ WALL_STOPWATCH = time.perf_counter
 class Clocks:
     """The two clocks of a process: the time of day, and seconds for periodic work."""
 
-    now_ns: Callable[[], int] = WALL_NS
-    """The time of day (ns since 1970)."""
+    now_ns: Callable[[], int] = time.time_ns
+    """The time of day (ns since 1970); it jumps when the clock is set."""
     seconds: Callable[[], float] = MONOTONIC_S
     """Seconds without jumps."""
 

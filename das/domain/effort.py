@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from das.domain.formulary import effort_n, largest_power_w
+from das.domain.formulary import largest_power_w
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
@@ -51,6 +51,7 @@ class EffortEnvelope:
     """The largest wheel force at each speed: the smallest of a force, a power hyperbola and, if given, a curve.
 
     min(F, P/v, curve(v)). An envelope made of a curve has the largest force and the largest power of the curve.
+    Source: Nold & Corman (2024), section 3.3 and fig. 2, p. 8: the power hyperbola bounds the forces.
     """
 
     max_force_n: float
@@ -64,8 +65,9 @@ class EffortEnvelope:
         return cls(max_force_n=max(curve.force_n), max_power_w=max(curve.largest_power_w, beyond_w), curve=curve)
 
     def force_n(self, speed_mps: ArrayLike) -> Floats:
-        """Largest force (N, >= 0) at each speed (m/s)."""
-        force_n = effort_n(speed_mps, self.max_force_n, self.max_power_w)
+        """Largest force (N, >= 0) at each speed (m/s); a speed of 0 counts as 1e-9 m/s."""
+        v = np.maximum(np.asarray(speed_mps, dtype=float), 1e-9)
+        force_n = np.asarray(np.minimum(self.max_force_n, self.max_power_w / v), dtype=float)
         return force_n if self.curve is None else np.minimum(force_n, self.curve.at(speed_mps))
 
 

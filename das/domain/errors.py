@@ -50,6 +50,12 @@ MISSING: Final = object()
 """The value of a missing key; None remains a valid value."""
 
 
+def check_number(source: str | Path, key: str, value: float, *, positive: bool = False) -> None:
+    """Raise InputError unless a number is finite and >= 0, or > 0 if it must be `positive`."""
+    if not 0 <= value < math.inf or (positive and value == 0):
+        raise InputError(source, key, value, f"a finite number {'> 0' if positive else '>= 0'}")
+
+
 class InfeasibleError(DasError):
     """The train cannot meet the requirements of this section (climb, brake, or arrive in time)."""
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from das.domain.errors import DasError, InputError
-from das.domain.formulary import efficiency_loss_ratio, proportional_loss_w
+from das.domain.errors import DasError, InputError, check_number
 from das.domain.units import KMH
 
 Floats = NDArray[np.float64]
@@ -28,9 +27,11 @@ force."""
 
 @dataclass(frozen=True, kw_only=True)
 class EfficiencyLoss:
-    """Loss proportional to wheel power, with an idle part: eqs. 8 to 11 of the paper.
+    """Loss proportional to wheel power, with an idle part: eqs. 8 to 11 of the paper, from p. 9 on.
 
-    P_L = traction_ratio·max(F·v, 0) + brake_ratio·max(−F·v, 0) + idle_w.
+    P_L = traction_ratio·max(F·v, 0) + brake_ratio·max(−F·v, 0) + idle_w. Level L0 has neither part, L1 one ratio
+    1/η̄ − 1 for both signs, L2 the idle part as well. Separate ratios are an extension for trains whose files give one
+    efficiency for driving and one for braking, as in TTOBench.
     """
 
     traction_ratio: float
@@ -38,20 +39,18 @@ class EfficiencyLoss:
     idle_w: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("traction_ratio", "brake_ratio", "idle_w"):
-            value = getattr(self, name)
-            if not np.isfinite(value) or value < 0:
-                raise InputError("efficiency loss", name, value, "a finite number >= 0")
+        for name, value in vars(self).items():
+            check_number("efficiency loss", name, value)
 
     @classmethod
     def from_efficiencies(cls, traction: float, brake: float, idle_w: float = 0.0) -> EfficiencyLoss:
         """Constant efficiencies: F·v/η at the collector when driving, F·v·η when braking (TTOBench's meaning)."""
-        return cls(traction_ratio=efficiency_loss_ratio(traction), brake_ratio=1.0 - brake, idle_w=idle_w)
+        return cls(traction_ratio=1.0 / traction - 1.0, brake_ratio=1.0 - brake, idle_w=idle_w)
 
     @classmethod
     def symmetric(cls, mean_efficiency: float, idle_w: float = 0.0) -> EfficiencyLoss:
         """Levels L1 and L2 of the paper: (1/η̄ − 1)·|P_mech| + c0 (eqs. 10, 11)."""
-        ratio = efficiency_loss_ratio(mean_efficiency)
+        ratio = 1.0 / mean_efficiency - 1.0
         return cls(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
 
     def with_constant(self, power_w: float) -> EfficiencyLoss:
@@ -62,7 +61,7 @@ class EfficiencyLoss:
         """Loss (W) at each pair of wheel force (N) and speed (m/s)."""
         speed = np.asarray(speed_mps, dtype=float)
         power = np.asarray(force_n, dtype=float) * speed
-        loss = proportional_loss_w(power, self.traction_ratio, self.brake_ratio, self.idle_w)
+        loss = self.traction_ratio * np.maximum(power, 0) + self.brake_ratio * np.maximum(-power, 0) + self.idle_w
         return np.where(speed > 0, loss, 0.0)
 
 
@@ -100,10 +99,9 @@ class LossMap:
         if np.abs(self.force_n).min() > GRID_EVENNESS * (self.force_n[-1] - self.force_n[0]):
             raise InputError(self.name, "force", float(np.abs(self.force_n).min()), "0 N among the points of the grid")
         _check_losses(self)
-        low, high = _covered_range(self)
         filled = self.loss_w_table.copy()
-        for row in filled:
-            _continue_linearly(row)
+        ends = np.array([_continue_linearly(self, i, row) for i, row in enumerate(filled)])
+        low, high = self.force_n[ends].T.copy()
         for name, value in (("filled_w", filled), ("force_low_n", low), ("force_high_n", high)):
             object.__setattr__(self, name, value)
         for array in (self.speed_mps, self.force_n, self.loss_w_table, filled, low, high):
@@ -170,7 +168,7 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
     """Least-squares fit of levels L1 (`with_idle=False`) and L2 to a loss map over its operating points.
 
     P_L ≈ k·|F·v| (+ c0) is fitted over all covered points of the map with speed > 0 and wheel power up to
-    `max_power_w`, with η̄ = 1/(1 + k). k and c0 remain >= 0. L1 has a separate fit without c0.
+    `max_power_w`, with η̄ = 1/(1 + k). If k or c0 would be negative, it is 0. L1 has a separate fit without c0.
     """
     points = operating_points(model, max_power_w)
     x, y = points.power_w, points.loss_w
@@ -181,8 +179,10 @@ def fit_mean_efficiency(model: LossMap, max_power_w: float, *, with_idle: bool) 
         )
     ratio, idle_w = float(x @ y / (x @ x)), 0.0
     if with_idle:
-        ratio, idle_w = _fit_line(x, y)
-    return EfficiencyLoss(traction_ratio=max(ratio, 0.0), brake_ratio=max(ratio, 0.0), idle_w=idle_w)
+        slope, constant_w = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
+        if constant_w >= 0:
+            ratio, idle_w = (float(slope), float(constant_w)) if slope >= 0 else (0.0, float(y.mean()))
+    return EfficiencyLoss(traction_ratio=ratio, brake_ratio=ratio, idle_w=idle_w)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,16 +216,6 @@ def operating_points(model: LossMap, max_power_w: float, max_force_n: float = np
     return OperatingPoints(force_n=force[use], speed_mps=speed[use], power_w=power[use], loss_w=model.loss_w_table[use])
 
 
-def _fit_line(x: Floats, y: Floats) -> tuple[float, float]:
-    """Least squares y ≈ k·x + c with k, c >= 0: if one of them would be negative, it is 0."""
-    k, c = np.linalg.lstsq(np.stack([x, np.ones_like(x)], axis=1), y, rcond=None)[0]
-    if c < 0:
-        return float(x @ y / (x @ x)), 0.0
-    if k < 0:
-        return 0.0, float(y.mean())
-    return float(k), float(c)
-
-
 def _check_even(what: str, name: str, axis: Floats) -> None:
     if len(axis) < 2:
         raise InputError(name, what, len(axis), "at least two different values")
@@ -247,23 +237,18 @@ def _check_losses(loss_map: LossMap) -> None:
         raise InputError(loss_map.name, key, float(table[i, j]), "a finite loss >= 0 W")
 
 
-def _covered_range(loss_map: LossMap) -> tuple[Floats, Floats]:
-    """Lowest and highest covered force of each speed (N)."""
-    low, high = np.empty(len(loss_map.speed_mps)), np.empty(len(loss_map.speed_mps))
-    for i, row in enumerate(loss_map.loss_w_table):
-        known = np.flatnonzero(np.isfinite(row))
-        if len(known) < 2 or known[-1] - known[0] + 1 != len(known):
-            key = f"forces at {loss_map.speed_mps[i] / KMH:g} km/h"
-            expected = "one unbroken range of at least two forces"
-            raise InputError(loss_map.name, key, f"{len(known)} points", expected)
-        low[i], high[i] = loss_map.force_n[known[0]], loss_map.force_n[known[-1]]
-    return low, high
+def _continue_linearly(loss_map: LossMap, speed: int, row: Floats) -> tuple[int, int]:
+    """Fill the NaN at both ends of the row of a speed with its end slopes, never below zero.
 
-
-def _continue_linearly(row: Floats) -> None:
-    """Fill the NaN at both ends of a row with its end slopes, never below zero."""
+    Returns the indices of the lowest and highest covered force. Raises InputError unless they bound an unbroken range.
+    """
     known = np.flatnonzero(np.isfinite(row))
+    if len(known) < 2 or known[-1] - known[0] + 1 != len(known):
+        key = f"forces at {loss_map.speed_mps[speed] / KMH:g} km/h"
+        expected = "one unbroken range of at least two forces"
+        raise InputError(loss_map.name, key, f"{len(known)} points", expected)
     first, last = int(known[0]), int(known[-1])
     before, after = np.arange(first, 0, -1), np.arange(1, len(row) - last)
     row[:first] = np.maximum(row[first] + (row[first] - row[first + 1]) * before, 0.0)
     row[last + 1 :] = np.maximum(row[last] + (row[last] - row[last - 1]) * after, 0.0)
+    return first, last

@@ -12,7 +12,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from das.domain.errors import DasError, InputError
+from das.domain.errors import DasError, InputError, check_number
 from das.domain.restriction import Restriction
 from das.domain.summary import Summary
 from das.domain.units import KM, KMH, kmh
@@ -167,28 +167,24 @@ class Route(Summary):
         for key, stretches in self.quantities():
             _check_positions(self.source, key, stretches.start_m, self.length_m, first_at_zero=True)
             _check_finite(self.source, key, stretches.value)
-        bad = np.flatnonzero(self.limits_mps.value <= 0)
-        if len(bad):
-            limit_kmh = float(self.limits_mps.value[bad[0]]) / KMH
-            raise InputError(self.source, f"speed limits[{bad[0]}] (km/h)", limit_kmh, "a speed > 0")
+        limits_mps, share = self.limits_mps.value, self.receptivity_ratio.value
+        _check_each(self.source, "speed limits", limits_mps / KMH, limits_mps > 0, "a speed > 0", unit=" (km/h)")
         if not np.isfinite(self.altitude_at_start_m):
             raise InputError(self.source, "altitude", self.altitude_at_start_m, "a finite number")
         _check_zones(self.source, "tunnels", self.tunnels, self.length_m)
         for i, tunnel in enumerate(self.tunnels):
-            _check_positive(self.source, f"tunnels[{i}] area_m2", tunnel.area_m2)
+            check_number(self.source, f"tunnels[{i}] area_m2", tunnel.area_m2, positive=True)
         _check_zones(self.source, "neutral_sections", self.neutral_sections, self.length_m)
         _check_zones(self.source, "no_regeneration", self.no_regeneration, self.length_m)
-        share = self.receptivity_ratio.value
-        bad = np.flatnonzero((share < 0) | (share > 1))
-        if len(bad):
-            raise InputError(self.source, f"receptivity[{bad[0]}]", float(share[bad[0]]), "a ratio from 0 to 1")
+        _check_each(self.source, "receptivity", share, (share >= 0) & (share <= 1), "a ratio from 0 to 1")
         if len(self.geometry_position_m):
             _check_positions(self.source, "geometry", self.geometry_position_m, self.length_m)
-        for array in (self.geometry_position_m, self.geometry_latitude_deg, self.geometry_longitude_deg):
+        latitude, longitude = self.geometry_latitude_deg, self.geometry_longitude_deg
+        for array in (self.geometry_position_m, latitude, longitude):
             _check_finite(self.source, "geometry", array)
             array.setflags(write=False)
-        _check_within(self.source, "geometry latitude_deg", self.geometry_latitude_deg, 90.0)
-        _check_within(self.source, "geometry longitude_deg", self.geometry_longitude_deg, 180.0)
+        _check_each(self.source, "geometry latitude_deg", latitude, np.abs(latitude) <= 90, "-90 to 90")
+        _check_each(self.source, "geometry longitude_deg", longitude, np.abs(longitude) <= 180, "-180 to 180")
 
     def facts(self) -> dict[str, str]:
         """Name, length, stops and highest limit."""
@@ -364,7 +360,7 @@ def _check_zones(source: str, key: str, zones: Sequence[Zone], length_m: float) 
     """Raise InputError unless the zones lie on the line in order, do not overlap and have lengths > 0."""
     free_from_m = 0.0
     for i, zone in enumerate(zones):
-        _check_positive(source, f"{key}[{i}] length_m", zone.length_m)
+        check_number(source, f"{key}[{i}] length_m", zone.length_m, positive=True)
         if not zone.start_m >= free_from_m:
             raise InputError(source, f"{key}[{i}] position", f"{zone.start_m:g} m", f"at least {free_from_m:g} m")
         free_from_m = zone.start_m + zone.length_m
@@ -372,18 +368,14 @@ def _check_zones(source: str, key: str, zones: Sequence[Zone], length_m: float) 
             raise InputError(source, f"{key}[{i}] end", f"{free_from_m:g} m", f"at most {length_m:g} m")
 
 
-def _check_positive(source: str, key: str, value: float) -> None:
-    if not np.isfinite(value) or value <= 0:
-        raise InputError(source, key, value, "a finite number > 0")
-
-
 def _check_finite(source: str, key: str, values: Floats) -> None:
-    bad = np.flatnonzero(~np.isfinite(values))
-    if len(bad):
-        raise InputError(source, f"{key}[{bad[0]}]", float(values[bad[0]]), "a finite number")
+    _check_each(source, key, values, np.isfinite(values), "a finite number")
 
 
-def _check_within(source: str, key: str, values_deg: Floats, most_deg: float) -> None:
-    bad = np.flatnonzero(np.abs(values_deg) > most_deg)
+def _check_each(
+    source: str, key: str, values: Floats, good: NDArray[np.bool_], expected: str, *, unit: str = ""
+) -> None:
+    """Raise InputError for the first value that is not good; `unit` is appended to its key."""
+    bad = np.flatnonzero(~good)
     if len(bad):
-        raise InputError(source, f"{key}[{bad[0]}]", float(values_deg[bad[0]]), f"{-most_deg:g} to {most_deg:g}")
+        raise InputError(source, f"{key}[{bad[0]}]{unit}", float(values[bad[0]]), expected)

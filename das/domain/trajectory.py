@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from das.domain.formulary import mean_davis_resistance_n
 from das.domain.losses import LossModel
 from das.domain.summary import Summary
 from das.domain.units import KM, STANDARD_GRAVITY_MPS2, kmh, kwh, kwh_words
@@ -190,6 +189,12 @@ class Trajectory(Summary):
 
 def mean_resistance_n(resistance: Resistance, v_mps: Floats, tunnel_n_per_mps2: Floats) -> Floats:
     """Running and tunnel resistance (N), averaged exactly over the distance of each interval of constant
-    acceleration."""
+    acceleration between n speeds (m/s): n − 1 values.
+
+    v² is linear in the distance: with the speeds a and b at the ends, the mean of v² is (a² + b²)/2 and the mean of v
+    is (2/3)·(a² + a·b + b²)/(a + b).
+    """
+    a, b = v_mps[:-1], v_mps[1:]
     quadratic = resistance.c2_n_per_mps2 + tunnel_n_per_mps2
-    return mean_davis_resistance_n(v_mps, resistance.c0_n, resistance.c1_n_per_mps, quadratic)
+    mean_v = (2.0 / 3.0) * (a * a + a * b + b * b) / np.maximum(a + b, 1e-12)
+    return resistance.c0_n + resistance.c1_n_per_mps * mean_v + quadratic * 0.5 * (a * a + b * b)

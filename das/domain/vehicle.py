@@ -12,13 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from das.domain.effort import EffortEnvelope, EffortMode
-from das.domain.errors import DasError, InputError
-from das.domain.formulary import (
-    adhesion_coefficient,
-    curve_resistance_mps2,
-    davis_in_head_wind,
-    davis_resistance_n,
-)
+from das.domain.errors import DasError, InputError, check_number
+from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2
 from das.domain.levels import Level
 from das.domain.losses import LOSSLESS, EfficiencyLoss, LossMap, LossModel, fit_mean_efficiency
 from das.domain.route import NEUTRAL, Route, Stretches
@@ -41,7 +36,11 @@ class BrakePolicy(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Resistance:
-    """Running resistance R(v) = c0 + c1·v + c2·v² in N, v in m/s (Davis' formula, see `das.domain.formulary`)."""
+    """Running resistance R(v) = c0 + c1·v + c2·v² in N, v in m/s.
+
+    Source: Davis (1926), "The tractive resistance of electric locomotives and cars", General Electric Review 29,
+    pp. 685–707; Nold & Corman (2024), section 3.2, eq. 4, give the power v·R(v), with c1, c2, c3 for c0, c1, c2.
+    """
 
     c0_n: float
     c1_n_per_mps: float
@@ -49,7 +48,8 @@ class Resistance:
 
     def force_n(self, speed_mps: ArrayLike) -> Floats:
         """Resistance (N, >= 0) at each speed (m/s)."""
-        return davis_resistance_n(speed_mps, self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2)
+        v = np.asarray(speed_mps, dtype=float)
+        return self.c0_n + self.c1_n_per_mps * v + self.c2_n_per_mps2 * v**2
 
     def scaled(self, ratio: float) -> Resistance:
         """The resistance with all three coefficients multiplied by a ratio."""
@@ -62,10 +62,15 @@ class Resistance:
     def in_head_wind(self, wind_mps: float) -> Resistance:
         """The resistance in a head wind (m/s, tail wind < 0): R(v) = c0 + c1·v + c2·(v + w)².
 
-        A tail wind faster than the train would push it; this formula counts that force as resistance.
+        Only c2 describes air resistance; the air meets the train at its own speed v plus the wind speed w. A tail wind
+        faster than the train would push it; this formula counts that force as resistance.
         """
-        c0, c1, c2 = davis_in_head_wind(self.c0_n, self.c1_n_per_mps, self.c2_n_per_mps2, wind_mps)
-        return Resistance(c0_n=c0, c1_n_per_mps=c1, c2_n_per_mps2=c2)
+        c2 = self.c2_n_per_mps2
+        return replace(
+            self,
+            c0_n=self.c0_n + c2 * wind_mps * wind_mps,
+            c1_n_per_mps=self.c1_n_per_mps + 2 * c2 * wind_mps,
+        )
 
 
 AIR_BRAKE_BUILD_UP_S = 4.5
@@ -131,13 +136,11 @@ class Vehicle(Summary):
 
     def __post_init__(self) -> None:
         for key in (*_POSITIVE, *_NOT_NEGATIVE):
-            value, positive = float(attrgetter(key)(self)), key in _POSITIVE
-            if not np.isfinite(value) or value < 0 or (positive and value == 0):
-                raise InputError(self.source, key, value, f"a finite number {'> 0' if positive else '>= 0'}")
+            check_number(self.source, key, float(attrgetter(key)(self)), positive=key in _POSITIVE)
         for name, load in self.loads.items():
-            for key, given in (("mass_kg", load.mass_kg), ("c0_n", load.c0_n)):
-                if given is not None and not 0 < given < np.inf:
-                    raise InputError(self.source, f"loads.{name}.{key}", given, "a finite number > 0")
+            for key, given in vars(load).items():
+                if given is not None:
+                    check_number(self.source, f"loads.{name}.{key}", given, positive=True)
         _check_resistance(self)
         _check_curves(self)
         for key in ("max_acceleration_mps2", "max_deceleration_mps2", "adhesive_mass_kg"):

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,13 +99,6 @@ class _Runs:
         return [(name, float(np.interp(at_m, run.s_m, self.x(run)))) for name, at_m in run.stops]
 
 
-class _Panel(NamedTuple):
-    """A quantity of runs with its own axis: its height (in), and its drawing function."""
-
-    height_in: float
-    draw: Callable[[Any, _Runs], None]
-
-
 def draw_runs(runs: Sequence[PlottedRun], over: Over = Over.DISTANCE, labels: Sequence[str] | None = None) -> Picture:
     """Speed with limit and stops, altitude, wheel forces, energy, and the windows of a journey, as far as known. A run
     is named by its label, or else by its differences from the others, and by its time and energy.
@@ -115,9 +108,9 @@ def draw_runs(runs: Sequence[PlottedRun], over: Over = Over.DISTANCE, labels: Se
     names = [", ".join((*own, run.figures)) for own, run in zip(words, runs, strict=True)]
     shown = _Runs(runs=runs, labels=names, over=over)
     panels = _panels(shown)
-    figure, axes = new_figure([panel.height_in for panel in panels])
-    for axis, panel in zip(axes, panels, strict=True):
-        panel.draw(axis, shown)
+    figure, axes = new_figure(list(panels.values()))
+    for axis, draw in zip(axes, panels, strict=True):
+        draw(axis, shown)
         for _, at in shown.stops():
             axis.axvline(at, color=INK, linewidth=0.6, alpha=0.35)
     name_stops(axes[0], shown.stops())
@@ -194,18 +187,18 @@ def name_stops(axis: Any, stops: Sequence[tuple[str, float]]) -> None:
             )  # fmt: skip
 
 
-def _panels(shown: _Runs) -> list[_Panel]:
-    """The panels that are not empty."""
+def _panels(shown: _Runs) -> dict[Callable[[Any, _Runs], None], float]:
+    """The drawing function and the height (in) of each panel that is not empty."""
     runs, first = shown.runs, shown.runs[0]
     rises_m = 0.0 if first.route is None else float(np.ptp(first.route.altitude_m(first.s_m)))
     wanted = (
-        (True, _Panel(2.6, _speed)),
-        (rises_m > LEAST_RISE_M, _Panel(1.0, _altitude)),
-        (any(run.force_el_n is not None for run in runs), _Panel(1.6, _force)),
-        (any(run.energy_j is not None for run in runs), _Panel(1.2, _energy)),
-        (any(run.windows for run in runs) and shown.over is Over.DISTANCE, _Panel(1.8, _clock)),
+        (True, _speed, 2.6),
+        (rises_m > LEAST_RISE_M, _altitude, 1.0),
+        (any(run.force_el_n is not None for run in runs), _force, 1.6),
+        (any(run.energy_j is not None for run in runs), _energy, 1.2),
+        (any(run.windows for run in runs) and shown.over is Over.DISTANCE, _clock, 1.8),
     )
-    return [panel for is_known, panel in wanted if is_known]
+    return {draw: height_in for is_known, draw, height_in in wanted if is_known}
 
 
 def _speed(axis: Any, shown: _Runs) -> None:

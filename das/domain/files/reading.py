@@ -32,20 +32,6 @@ SHORTEST_TRAIN_M = 0.1
 """Shortest length (m) of a train that is not a point; gradients are averaged over the length."""
 LARGEST_LENGTH_M = 1e9
 """Largest position or length (m) in a file; `das.domain.plausibility` then applies narrower limits."""
-_DIMENSIONS = {
-    "hz_per_mps": "frequency_per_speed",
-    "n_per_mps2": "resistance_2",
-    "n_per_mps": "resistance_1",
-    "mps2": "acceleration",
-    "mps": "speed",
-    "ratio": "ratio",
-    "hz": "frequency",
-    "kg": "mass",
-    "n": "force",
-    "s": "time",
-    "w": "power",
-}
-"""Units at the end of the names of quantities in SI, the longer ones first, with their dimensions."""
 Kind = TypeVar("Kind", bound=StrEnum)
 Made = TypeVar("Made")
 
@@ -239,12 +225,7 @@ class Fields:
 
     def quantity_keys(self, quantities: Mapping[str, str]) -> list[str]:
         """All keys under which the given quantities (name → dimension) may appear: `mass_kg`, `mass_t`."""
-        return [
-            f"{name}_{unit}"
-            for name, dimension in quantities.items()
-            for unit in FACTORS[dimension]
-            if unit.isidentifier() and unit.islower()
-        ]
+        return [f"{name}_{unit}" for name, dimension in quantities.items() for unit in key_units(dimension)]
 
     def given_keys(self, name: str, dimension: str) -> list[str]:
         """The keys of the table that give a quantity: at most one in a valid table; `quantity` rejects more."""
@@ -263,10 +244,10 @@ class Fields:
         if len(entries) > most:
             raise InputError(self.source, f"number of {self.prefix}{key}", len(entries), f"at most {most}")
 
-    def columns(
+    def number_rows(
         self, key: str, wanted: Mapping[str, str], *, unbounded: Collection[str] = (), most: int = MOST_ROWS
-    ) -> dict[str, list[float]]:
-        """A list with units in its column names: {columns = ["position_km", …], rows = [[…], …]} in SI.
+    ) -> list[tuple[float, ...]]:
+        """The rows of a list with units in its column names: {columns = ["position_km", …], rows = [[…], …]} in SI.
 
         `wanted` maps each quantity to its dimension; quantities in `unbounded` may be infinite or of any size.
         """
@@ -276,28 +257,35 @@ class Fields:
         if not isinstance(names, list) or len(names) != len(wanted):
             raise table.error("columns", names, f"{len(wanted)} names: {', '.join(wanted)}, each with its unit")
         rows = table.rows("rows", "a list of rows", most)
-        result: dict[str, list[float]] = {}
+        columns: list[list[float]] = []
         for index, (name, dimension) in enumerate(wanted.items()):
             unit, free = _column_unit(table, str(names[index]), name, dimension), name in unbounded
             keys = (f"{table.prefix}rows[{i}].{name}" for i in range(len(rows)))
             cells = (_cell(table, i, row, index) for i, row in enumerate(rows))
             found = zip(keys, cells, strict=True)
-            result[name] = [in_si(self.source, key, cell, (unit, dimension), unbounded=free) for key, cell in found]
-        return result
+            columns.append([in_si(self.source, key, x, (unit, dimension), unbounded=free) for key, x in found])
+        return list(zip(*columns, strict=True))
 
     def optional_rows(
         self, key: str, wanted: Mapping[str, str], *, unbounded: Collection[str] = (), most: int = MOST_ROWS
     ) -> list[tuple[float, ...]]:
-        """The rows of a list, as for `columns`; empty if the key is missing."""
-        if not self.has(key):
-            return []
-        return list(zip(*self.columns(key, wanted, unbounded=unbounded, most=most).values(), strict=True))
+        """The rows of a list, as for `number_rows`; empty if the key is missing."""
+        return self.number_rows(key, wanted, unbounded=unbounded, most=most) if self.has(key) else []
 
 
 def quantity_of(field: str) -> tuple[str, str]:
-    """The name and the dimension of the quantity in a field whose name ends in the unit."""
-    unit = next(unit for unit in _DIMENSIONS if field.endswith(f"_{unit}"))
-    return field.removesuffix(f"_{unit}"), _DIMENSIONS[unit]
+    """The name and the dimension of the quantity in a field whose name ends in the SI unit, which may have several
+    words (`n_per_mps`); a field in `_ratio` is a ratio, not a gradient.
+    """
+    units = {unit: dimension for dimension in reversed(FACTORS) for unit in key_units(dimension, si=True)}
+    unit = max((unit for unit in units if field.endswith(f"_{unit}")), key=len)
+    return field.removesuffix(f"_{unit}"), units[unit]
+
+
+def key_units(dimension: str, *, si: bool = False) -> list[str]:
+    """The units of a dimension that can end a key of a file: `mps` and `kmh`, but not `km/h`; `si`: only SI units."""
+    factors = FACTORS[dimension].items()
+    return [unit for unit, si_per in factors if unit.isidentifier() and unit.islower() and (si_per == 1.0 or not si)]
 
 
 def in_si(source: Path, key: str, value: object, unit: tuple[str, str], *, unbounded: bool = False) -> float:

@@ -123,8 +123,8 @@ def _stops(fields: Fields) -> tuple[Stop, ...]:
 
 
 def _stretches(fields: Fields, key: str, name: str, dimension: str) -> Stretches:
-    columns = fields.columns(key, {"position": "length", name: dimension})
-    return Stretches(start_m=np.array(columns["position"]), value=np.array(columns[name]))
+    start_m, value = zip(*fields.number_rows(key, {"position": "length", name: dimension}), strict=True)
+    return Stretches(start_m=np.array(start_m), value=np.array(value))
 
 
 def _zones(fields: Fields, key: str) -> tuple[Zone, ...]:

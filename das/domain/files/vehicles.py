@@ -5,7 +5,7 @@ The formats are explained in docs/reference/file-formats.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ import numpy as np
 from das.domain.braking import REACTION_S, SiteBraking
 from das.domain.effort import EffortCurve, EffortEnvelope, EffortMode
 from das.domain.errors import MISSING, DasError, InputError
-from das.domain.files.reading import MOST_BYTES, Fields, in_si, read_text, read_toml, train_length_m
+from das.domain.files.reading import MOST_BYTES, Fields, in_si, key_units, read_text, read_toml, train_length_m
 from das.domain.levels import Level
 from das.domain.loss_chain import Converter, LossChain
 from das.domain.losses import MOST_MAP_POINTS, EfficiencyLoss, LossMap, LossModel, check_map_size
@@ -85,11 +85,8 @@ def _envelope(fields: Fields, top_mps: float) -> EffortEnvelope:
         rows = read_columns(path, "effort curve", _CURVE, MOST_POINTS)
         curve = effort_curve(path, {f"line {line}": row for line, row in rows.items()}, top_mps)
     elif isinstance(fields.data["curve"], Mapping):
-        columns = fields.columns("curve", _CURVE, most=MOST_POINTS)
-        points = zip(columns["speed"], columns["force"], strict=True)
-        curve = effort_curve(
-            fields.source, {f"{fields.prefix}curve.rows[{i}]": x for i, x in enumerate(points)}, top_mps
-        )
+        points = enumerate(fields.number_rows("curve", _CURVE, most=MOST_POINTS))
+        curve = effort_curve(fields.source, {f"{fields.prefix}curve.rows[{i}]": x for i, x in points}, top_mps)
     else:
         raise fields.error("curve", fields.data["curve"], "the name of a CSV file, or a table of columns and rows")
     return EffortEnvelope.of_curve(curve, top_mps)
@@ -144,7 +141,7 @@ def _factor(path: Path, header: list[str], index: int, columns: Mapping[str, str
     column = header[index] if index < len(header) else ""
     unit = column[len(name) + 1 :] if column.startswith(name + "_") else ""
     if unit not in FACTORS[dimension]:
-        names = " or ".join(f"{name}_{u}" for u in FACTORS[dimension] if u.isidentifier() and u.islower())
+        names = " or ".join(f"{name}_{u}" for u in key_units(dimension))
         raise InputError(path, f"column {index + 1}", column, names)
     return FACTORS[dimension][unit]
 
@@ -296,17 +293,12 @@ def _loss_map(fields: Fields, vehicle: Vehicle) -> LossMap:
 
 
 def _efficiency_loss(fields: Fields) -> EfficiencyLoss:
-    idle = {"idle": "power"}
+    made: Callable[..., EfficiencyLoss] = EfficiencyLoss.from_efficiencies
+    names = ["traction_efficiency", "brake_efficiency"]
     if fields.has("mean_efficiency_ratio"):
-        fields.check_keys(["source", "mean_efficiency_ratio", *fields.quantity_keys(idle)])
-        return EfficiencyLoss.symmetric(_efficiency(fields, "mean_efficiency"), fields.quantity("idle", "power", 0.0))
-    keys = ["traction_efficiency_ratio", "brake_efficiency_ratio"]
-    fields.check_keys(["source", *keys, *fields.quantity_keys(idle)])
-    return EfficiencyLoss.from_efficiencies(
-        _efficiency(fields, "traction_efficiency"),
-        _efficiency(fields, "brake_efficiency"),
-        fields.quantity("idle", "power", 0.0),
-    )
+        made, names = EfficiencyLoss.symmetric, ["mean_efficiency"]
+    fields.check_keys(["source", *(f"{name}_ratio" for name in names), *fields.quantity_keys({"idle": "power"})])
+    return made(*(_efficiency(fields, name) for name in names), idle_w=fields.quantity("idle", "power", 0.0))
 
 
 def _efficiency(fields: Fields, name: str) -> float:

@@ -90,19 +90,18 @@ def _make_new(path: Path, content: bytes) -> None:
     """Create a file that has its content from the start; FileExistsError or OSError if that fails."""
     if path.exists():
         raise FileExistsError(path)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    file, beside = temporary_file(path)
     try:
-        with os.fdopen(handle, "wb") as file:
+        with file:
             file.write(content)
-        os.chmod(name, 0o666 & ~umask())
-        os.link(name, path)
+        os.link(beside, path)
     except FileExistsError:
         raise
     except OSError:  # File system without links: for a moment the file exists without its content.
         with path.open("xb") as file:
             file.write(content)
     finally:
-        os.unlink(name)
+        beside.unlink()
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -124,16 +123,15 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             yield content
             path.write_bytes(content.getvalue())
             return
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        file, beside = temporary_file(path)
         try:
-            with os.fdopen(handle, "wb") as file:
+            with file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
-            os.chmod(name, 0o666 & ~umask())
-            os.replace(name, path)
+            beside.replace(path)
         except BaseException:
-            os.unlink(name)
+            beside.unlink()
             raise
     except OSError as error:
         raise DasError(f"{path}: cannot be written ({error.strerror})") from error
@@ -155,7 +153,7 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
                     file.write(content)
                     file.flush()
                     os.fsync(file.fileno())
-            beside.chmod(0o777 & ~umask())
+            beside.chmod(0o777 & ~_umask())
             _sync_folder(beside)
             if folder.exists():
                 folder.rename(beside.with_name(f"{beside.name}-replaced"))
@@ -168,7 +166,17 @@ def write_folder_whole(folder: Path, files: Mapping[str, bytes], private: Collec
         raise DasError(f"{folder}: cannot be written ({error.strerror})") from error
 
 
-def umask() -> int:
+def temporary_file(path: Path) -> tuple[IO[bytes], Path]:
+    """A new file next to `path`, open for writing, and its path; it has the permissions of any new file.
+
+    The caller renames or removes it. Raises OSError if it cannot be created.
+    """
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    os.chmod(name, 0o666 & ~_umask())
+    return os.fdopen(handle, "wb"), Path(name)
+
+
+def _umask() -> int:
     """The permission bits that are cleared for new files of this process."""
     umask = os.umask(0)
     os.umask(umask)

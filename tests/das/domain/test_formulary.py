@@ -1,43 +1,40 @@
-"""Every equation of the formulary against numbers worked out by hand, or against another way to compute it."""
+"""Every equation of the literature against numbers worked out by hand, or against another way to compute it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from das.domain.formulary import (
-    adhesion_coefficient,
-    curve_resistance_mps2,
-    davis_in_head_wind,
-    davis_resistance_n,
-    efficiency_loss_ratio,
-    effort_n,
-    line_force_n,
-    mean_davis_resistance_n,
-    proportional_loss_w,
-)
+from das.domain.effort import EffortEnvelope
+from das.domain.formulary import adhesion_coefficient, curve_resistance_mps2, line_force_n
+from das.domain.losses import EfficiencyLoss
+from das.domain.trajectory import mean_resistance_n
+from das.domain.vehicle import Resistance
 from das.solver.kernels import forces
+
+SOME = Resistance(c0_n=1500.0, c1_n_per_mps=20.0, c2_n_per_mps2=4.0)
 
 
 def test_davis_resistance_of_the_papers_train() -> None:
     # c1 = 8.2 kN, c2 = 0.0388 kN/(m/s), c3 = 0.0086 kN/(m/s)²: at 40 m/s 8200 + 1552 + 13760 N.
-    assert davis_resistance_n([0.0, 40.0], 8200.0, 38.8, 8.6) == pytest.approx([8200.0, 23_512.0])
+    resistance = Resistance(c0_n=8200.0, c1_n_per_mps=38.8, c2_n_per_mps2=8.6)
+    assert resistance.force_n([0.0, 40.0]) == pytest.approx([8200.0, 23_512.0])
 
 
 @pytest.mark.parametrize(("v0", "v1"), [(0.0, 10.0), (12.0, 12.0), (30.0, 5.0), (0.0, 0.0)])
 def test_the_mean_resistance_is_that_of_many_small_parts_of_the_way(v0: float, v1: float) -> None:
     share = (np.arange(100_000) + 0.5) / 100_000
     speeds = np.sqrt(v0**2 + (v1**2 - v0**2) * share)  # v² is linear in the way
-    expected = davis_resistance_n(speeds, 1500.0, 20.0, 4.0).mean()
-    assert mean_davis_resistance_n(np.array([v0, v1]), 1500.0, 20.0, 4.0) == pytest.approx([expected], rel=1e-6)
+    expected = SOME.force_n(speeds).mean()
+    assert mean_resistance_n(SOME, np.array([v0, v1]), np.zeros(1)) == pytest.approx([expected], rel=1e-6)
 
 
 @pytest.mark.parametrize("wind_mps", [-6.0, 0.0, 9.0])
 def test_a_head_wind_adds_to_the_speed_of_the_air(wind_mps: float) -> None:
-    coefficients = davis_in_head_wind(1500.0, 20.0, 4.0, wind_mps)
+    resistance = SOME.in_head_wind(wind_mps)
     for v in (6.0, 20.0, 40.0):
         expected = 1500.0 + 20.0 * v + 4.0 * (v + wind_mps) ** 2
-        assert float(davis_resistance_n(v, *coefficients)) == pytest.approx(expected)
+        assert float(resistance.force_n(v)) == pytest.approx(expected)
 
 
 def test_curve_resistance_has_its_step_at_300_m() -> None:
@@ -62,11 +59,12 @@ def test_adhesion_falls_with_the_speed() -> None:
 
 
 def test_effort_is_the_smaller_of_force_and_power() -> None:
-    assert effort_n([0.0, 5.0, 10.0, 40.0], 1e5, 1e6) == pytest.approx([1e5, 1e5, 1e5, 25e3])
+    effort = EffortEnvelope(max_force_n=1e5, max_power_w=1e6)
+    assert effort.force_n([0.0, 5.0, 10.0, 40.0]) == pytest.approx([1e5, 1e5, 1e5, 25e3])
 
 
 def test_loss_of_a_constant_efficiency() -> None:
     # η = 0.8: 1 MW at the wheel takes 1.25 MW in.
-    ratio = efficiency_loss_ratio(0.8)
-    assert ratio == pytest.approx(0.25)
-    assert proportional_loss_w(np.array([1e6, 0.0, -1e6]), ratio, 0.1, 5e3) == pytest.approx([255e3, 5e3, 105e3])
+    loss = EfficiencyLoss.from_efficiencies(0.8, 0.9, 5e3)
+    assert loss.traction_ratio == pytest.approx(0.25)
+    assert loss.loss_w([1e5, 0.0, -1e5], 10.0) == pytest.approx([255e3, 5e3, 105e3])
