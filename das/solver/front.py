@@ -112,14 +112,16 @@ class Front(Summary):
         least_s = least_time_s(self.section, float(state.node_m[0]), state.speed_mps)
         if time_s <= least_s + tolerance_s:
             fit = Fit.ON_TIME if time_s >= least_s - tolerance_s else Fit.LATE
-            return state.solution(state.fastest(), least_time_s=least_s, requested_s=time_s, fit=fit)
-        return TimeSearch(self.policies, state, time_s, least_time_s=least_s, tolerance_s=tolerance_s).run()
+            run, price_w = state.fastest(), math.inf
+        else:
+            run, price_w, fit = TimeSearch(self.policies, state, time_s, tolerance_s).run()
+        return state.solution(run, least_time_s=least_s, requested_s=time_s, fit=fit, lambda_w=price_w)
 
     def by_multiplier(self, s_m: float, v_mps: float) -> tuple[Floats, Floats]:
         """Times (s) of the trajectories from a state under all multipliers of the ladder, and their least costs (J)."""
         state, policies = State.at(self.section, s_m, v_mps), self.policies
         self._cover(state)
-        total_j = state.totals(policies).cost_j
+        total_j, _ = state.totals(policies)
         ladder = (Policy(price_w=float(price), ladder_index=i) for i, price in enumerate(self.lambda_w))
         return np.array([state.roll_out(policies, policy).time_s for policy in ladder]), total_j
 
@@ -148,34 +150,25 @@ class TimeSearch:
     requested time until two enclose it. Then the search continues by false position (Illinois).
     """
 
-    def __init__(
-        self,
-        policies: Policies,
-        state: State,
-        time_s: float,
-        *,
-        least_time_s: float,
-        tolerance_s: float = tol.TIME_TOLERANCE_S,
-    ) -> None:
-        self.policies, self.state, self.time_s = policies, state, time_s
-        self.least_time_s, self.tolerance_s = least_time_s, tolerance_s
+    def __init__(self, policies: Policies, state: State, time_s: float, tolerance_s: float) -> None:
+        self.policies, self.state, self.time_s, self.tolerance_s = policies, state, time_s, tolerance_s
         self.last = len(policies.lambda_w) - 1
         self._steps = np.arange(self.last + 1)
         # Where the front almost jumps, the policies' times may rise with the multiplier.
-        self._table_s = np.minimum.accumulate(state.totals(policies).time_s)
+        self._table_s = np.minimum.accumulate(state.totals(policies)[1])
 
-    def run(self) -> Solution:
-        """The trajectory of the requested time, or the nearest efficient one (see `Fit`)."""
+    def run(self) -> tuple[RollOut, float, Fit]:
+        """The trajectory of the requested time, or the nearest efficient one, its price of time (W) and its fit."""
         slow, quick = self._enclose()
         for trial in (slow, quick):
             if trial is not None and abs(trial.miss_s) <= self.tolerance_s:
-                return self._answer(trial.run, trial.place, Fit.ON_TIME)
+                return trial.run, self.price_w(trial.place), Fit.ON_TIME
         if slow is None:
-            return self._answer(quick.run, quick.place, Fit.EARLY)
+            return quick.run, self.price_w(quick.place), Fit.EARLY
         run = self._blend(slow, quick)
         miss = run.time_s - self.time_s
         fit = Fit.ON_TIME if abs(miss) <= self.tolerance_s else Fit.LATE if miss > 0 else Fit.EARLY
-        return self._answer(run, 0.5 * (slow.place + min(quick.place, self.last)), fit)
+        return run, self.price_w(0.5 * (slow.place + min(quick.place, self.last))), fit
 
     def attempt(self, place: float) -> Trial:
         """The trial of the multiplier at a place of the ladder."""
@@ -192,15 +185,6 @@ class TimeSearch:
     def price_w(self, place: float) -> float:
         """The multiplier (W) at a place of the ladder."""
         return float(np.interp(place, self._steps, self.policies.lambda_w))
-
-    def _answer(self, run: RollOut, place: float, fit: Fit) -> Solution:
-        return self.state.solution(
-            run,
-            least_time_s=self.least_time_s,
-            requested_s=self.time_s,
-            fit=fit,
-            lambda_w=self.price_w(place),
-        )
 
     def _enclose(self) -> tuple[Trial | None, Trial]:
         """A slow and a quick trial to blend; None for the slow one if the least multiplier gives an early arrival."""

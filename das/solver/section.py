@@ -204,15 +204,13 @@ def build_section(
     level = vehicle.default_level if level is None else level
     loss = vehicle.loss_model(level)
     brakes = vehicle.brakes_at(level) if options.brakes is None else options.brakes
-    train = train_params(vehicle, brakes)
     length_m = 0.0 if options.point_mass else vehicle.train_length_m
 
-    ends = _Ends(start_m, end_m, options.start_speed_mps, options.end_speed_mps, length_m)
-    braking = options.braking
-    decision_m, fastest = _decided(route, vehicle, train, ends, braking, options.longest_step_m)
-    counts = _substep_counts(decision_m, fastest, _slope_change(route, decision_m, length_m))
-    fine = LineProfile.on(route, vehicle, subdivide(decision_m, counts), length_m)
-    bounds = _bounding_speeds(route, vehicle, fine, train, ends, braking)
+    task = _Task(route, vehicle, train_params(vehicle, brakes), length_m, options)
+    decision_m, fastest_mps = task.decided(start_m, end_m)
+    counts = _substep_counts(decision_m, fastest_mps, _slope_change(route, decision_m, length_m))
+    fine = task.profile(subdivide(decision_m, counts))
+    bounds = task.bounds(fine)
     if isinstance(loss, LossMap):
         _check_coverage(loss, vehicle, float(bounds.allowed_mps.max()))
     return Section(
@@ -228,7 +226,7 @@ def build_section(
         envelope_mps=bounds.envelope_mps,
         allowed_mps=bounds.allowed_mps,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
-        braking=braking,
+        braking=options.braking,
     )
 
 
@@ -273,16 +271,6 @@ def capped(section: Section, cap_mps: ArrayLike) -> Section:
     return replace(section, envelope_mps=cap)
 
 
-class _Ends(NamedTuple):
-    """Positions (m) and speeds (m/s) at which a train enters and leaves a section, and its length (m)."""
-
-    start_m: float
-    end_m: float
-    start_speed_mps: float
-    end_speed_mps: float
-    length_m: float
-
-
 class _Bounds(NamedTuple):
     """Bounds of the speed at the nodes of a grid (m/s, see `Section`), and the speeds of the fastest trajectory."""
 
@@ -292,22 +280,102 @@ class _Bounds(NamedTuple):
     fastest_mps: Floats
 
 
-def _decided(
-    route: Route,
-    vehicle: Vehicle,
-    train: TrainParams,
-    ends: _Ends,
-    braking: ServiceBraking | None,
-    asked_m: float | None = None,
-) -> tuple[Floats, Floats]:
-    """Positions of the decision nodes (m), at most `asked_m` apart, and the fastest trajectory's speeds there (m/s)."""
-    beside_m = 0.0 if braking is None else braking.deviation_m
-    fixed_m = fixed_nodes(route, (ends.start_m, ends.end_m), ends.length_m, beside_m)
-    even_m = even_nodes(fixed_m)
-    profile = LineProfile.on(route, vehicle, even_m, ends.length_m)
-    fastest = _bounding_speeds(route, vehicle, profile, train, ends, braking).fastest_mps
-    decision_m = decision_nodes(route, fixed_m, even_m, fastest, asked_m)
-    return decision_m, np.interp(decision_m, even_m, fastest)
+@dataclass(frozen=True)
+class _Task:
+    """A section to be built: line, train, the train's length (m, 0 for a point mass), and options."""
+
+    route: Route
+    vehicle: Vehicle
+    train: TrainParams
+    length_m: float
+    options: SectionOptions
+
+    def profile(self, node_m: Floats) -> LineProfile:
+        """The line profile between these positions."""
+        return LineProfile.on(self.route, self.vehicle, node_m, self.length_m)
+
+    def decided(self, start_m: float, end_m: float) -> tuple[Floats, Floats]:
+        """Positions of the decision nodes (m), and the fastest trajectory's speeds there (m/s)."""
+        braking = self.options.braking
+        beside_m = 0.0 if braking is None else braking.deviation_m
+        fixed_m = fixed_nodes(self.route, (start_m, end_m), self.length_m, beside_m)
+        even_m = even_nodes(fixed_m)
+        fastest_mps = self.bounds(self.profile(even_m)).fastest_mps
+        decision_m = decision_nodes(self.route, fixed_m, even_m, fastest_mps, self.options.longest_step_m)
+        return decision_m, np.interp(decision_m, even_m, fastest_mps)
+
+    def bounds(self, profile: LineProfile) -> _Bounds:
+        """Climbing floor, envelopes and fastest trajectory on a grid; raises InfeasibleError if one is impossible."""
+        source, train, line = self.route.source, self.train, profile.for_kernels
+        start_speed_mps, end_speed_mps = self.options.start_speed_mps, self.options.end_speed_mps
+        if end_speed_mps > profile.limit_mps[-1]:
+            raise InfeasibleError(f"{source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
+        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES)
+        if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
+            raise InfeasibleError(
+                f"{source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
+            )
+        floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
+        envelope = allowed
+        if self.options.braking is not None:
+            # The speed required for hills ahead takes priority over the brake reserve.
+            envelope = np.minimum(np.maximum(self._planned(profile, self.options.braking), floor), allowed)
+        fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
+        if stuck >= 0:
+            place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
+            if profile.supply[stuck] == NEUTRAL:
+                place += ", in a neutral section"
+            raise InfeasibleError(f"{source}: the train stalls at {profile.node_m[stuck]:.0f} m ({place})")
+        if fastest[-1] < end_speed_mps - tol.SPEED_TOLERANCE_MPS:
+            raise InfeasibleError(
+                f"{source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
+            )
+        return _Bounds(floor, envelope, allowed, fastest)
+
+    def _planned(self, profile: LineProfile, braking: ServiceBraking) -> Floats:
+        """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
+
+        A limit also counts where the train may be within the extent of the limit by the error of its position.
+        """
+        node_m, beside_m = profile.node_m, braking.deviation_m
+        limit = self.route.limits_mps.minimum(node_m[:-1] - self.length_m - beside_m, node_m[1:] + beside_m)
+        limit = np.minimum(limit, profile.limit_mps)
+        limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
+        friction_n = float(self.vehicle.friction_brake_force_n)
+        service = ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
+        return self._braked(profile, limit, service)
+
+    def _braked(self, profile: LineProfile, limit_mps: Floats, service: ServiceParams) -> Floats:
+        """The highest speeds (m/s) from which a braking keeps these limits and the end speed.
+
+        Raises RunawayError if the brakes cannot hold the train on a descent.
+        """
+        end_speed_mps = self.options.end_speed_mps
+        speeds, stuck = braking_envelope(profile.for_kernels, limit_mps, end_speed_mps, self.train, service)
+        if stuck >= 0:
+            raise self._runs_away(profile, stuck, float(speeds[stuck + 1]), service)
+        return np.asarray(speeds)
+
+    def _runs_away(self, profile: LineProfile, i: int, v_mps: float, service: ServiceParams) -> RunawayError:
+        """The error for a train whose brakes cannot hold it in interval i, with the place and the key to change."""
+        vehicle, train = self.vehicle, self.train
+        here = on_supply(train, float(profile.supply[i]))
+        resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
+        electric_n, friction_n = float(electric_limit(max(v_mps, 0.1), here)), vehicle.friction_brake_force_n
+        needed_n = -resisting_n / service.force_share - electric_n
+        wanted, unused = [], train.friction_force_n < friction_n or vehicle.brake_policy is BrakePolicy.ELECTRIC
+        if unused and -resisting_n > electric_n:
+            wanted.append(f"brakes.policy = {str(BrakePolicy.ELECTRIC)!r}: expected {str(BrakePolicy.BLENDED)!r}")
+        if needed_n > friction_n:
+            least_kn = math.ceil(needed_n / KN)
+            wanted.append(f"friction_brake.max_force_kn = {friction_n / KN:g}: expected at least {least_kn}")
+        with_what = "" if service is FULL_BRAKES else f" with {100 * service.force_share:.0f} % of its brakes"
+        why = f"{vehicle.source}: {', '.join(wanted)}" if wanted else "wheels and rails take no more force"
+        return RunawayError(
+            f"{self.route.source}: the train cannot brake on the descent at {profile.node_m[i]:.0f} m "
+            f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}",
+            float(profile.node_m[i + 1]),
+        )
 
 
 def _check_ends(route: Route, start_m: float, end_m: float) -> None:
@@ -340,95 +408,6 @@ def _substep_counts(decision_m: Floats, fastest_mps: Floats, slope_change: Float
     drift_mps = STANDARD_GRAVITY_MPS2 * slope_change * np.diff(decision_m) / 8 / mean
     counts = np.maximum(counts, np.ceil(np.sqrt(drift_mps / tol.SUBSTEP_DRIFT_MPS)).astype(np.int64))
     return np.clip(counts, 1, tol.MAX_SUBSTEPS)
-
-
-def _bounding_speeds(
-    route: Route,
-    vehicle: Vehicle,
-    profile: LineProfile,
-    train: TrainParams,
-    ends: _Ends,
-    braking: ServiceBraking | None,
-) -> _Bounds:
-    """Climbing floor, envelopes and fastest trajectory on a grid; raises InfeasibleError if one is impossible."""
-    line, start_speed_mps, end_speed_mps = profile.for_kernels, ends.start_speed_mps, ends.end_speed_mps
-    if end_speed_mps > profile.limit_mps[-1]:
-        raise InfeasibleError(f"{route.source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-    allowed, stuck = braking_envelope(line, profile.limit_mps, end_speed_mps, train, FULL_BRAKES)
-    if stuck >= 0:
-        raise _runs_away(route, vehicle, profile, train, stuck, float(allowed[stuck + 1]), None)
-    if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
-        raise InfeasibleError(
-            f"{route.source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
-        )
-    floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
-    envelope = allowed
-    if braking is not None:
-        envelope = _planned_envelope(route, vehicle, profile, train, ends, braking)
-        # The speed required for hills ahead takes priority over the brake reserve.
-        envelope = np.minimum(np.maximum(envelope, floor), allowed)
-    fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
-    if stuck >= 0:
-        place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
-        if profile.supply[stuck] == NEUTRAL:
-            place += ", in a neutral section"
-        raise InfeasibleError(f"{route.source}: the train stalls at {profile.node_m[stuck]:.0f} m ({place})")
-    if fastest[-1] < end_speed_mps - tol.SPEED_TOLERANCE_MPS:
-        raise InfeasibleError(
-            f"{route.source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
-        )
-    return _Bounds(floor, envelope, allowed, fastest)
-
-
-def _planned_envelope(
-    route: Route, vehicle: Vehicle, profile: LineProfile, train: TrainParams, ends: _Ends, braking: ServiceBraking
-) -> Floats:
-    """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
-
-    A limit also counts where the train may be within the extent of the limit by the error of its position. Raises
-    InfeasibleError if the service brake cannot hold the train on a descent.
-    """
-    node_m, beside_m = profile.node_m, braking.deviation_m
-    limit = route.limits_mps.minimum(node_m[:-1] - ends.length_m - beside_m, node_m[1:] + beside_m)
-    limit = np.minimum(limit, profile.limit_mps)
-    limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
-    service = ServiceParams(
-        braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, float(vehicle.friction_brake_force_n)
-    )
-    envelope, stuck = braking_envelope(profile.for_kernels, limit, ends.end_speed_mps, train, service)
-    if stuck >= 0:
-        raise _runs_away(route, vehicle, profile, train, stuck, float(envelope[stuck + 1]), service)
-    return np.asarray(envelope)
-
-
-def _runs_away(
-    route: Route,
-    vehicle: Vehicle,
-    profile: LineProfile,
-    train: TrainParams,
-    i: int,
-    v_mps: float,
-    service: ServiceParams | None,
-) -> RunawayError:
-    """The error for a train whose brakes cannot hold it in interval i, with the place and the key to change."""
-    here = on_supply(train, float(profile.supply[i]))
-    resisting_n = mean_resistance(0.0, v_mps, profile.tunnel_n_per_mps2[i], here) + profile.constant_n[i]
-    electric_n, friction_n = float(electric_limit(max(v_mps, 0.1), here)), vehicle.friction_brake_force_n
-    share = 1.0 if service is None else service.force_share
-    needed_n = -resisting_n / share - electric_n
-    wanted, unused = [], train.friction_force_n < friction_n or vehicle.brake_policy is BrakePolicy.ELECTRIC
-    if unused and -resisting_n > electric_n:
-        wanted.append(f"brakes.policy = {str(BrakePolicy.ELECTRIC)!r}: expected {str(BrakePolicy.BLENDED)!r}")
-    if needed_n > friction_n:
-        least_kn = math.ceil(needed_n / KN)
-        wanted.append(f"friction_brake.max_force_kn = {friction_n / KN:g}: expected at least {least_kn}")
-    with_what = "" if service is None else f" with {100 * share:.0f} % of its brakes"
-    why = f"{vehicle.source}: {', '.join(wanted)}" if wanted else "wheels and rails take no more force"
-    return RunawayError(
-        f"{route.source}: the train cannot brake on the descent at {profile.node_m[i]:.0f} m "
-        f"({1e3 * profile.grade_ratio[i]:.1f} ‰){with_what}: {why}",
-        float(profile.node_m[i + 1]),
-    )
 
 
 def _check_coverage(loss: LossMap, vehicle: Vehicle, top_speed_mps: float) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from threading import Lock
 
 import numpy as np
@@ -15,7 +17,6 @@ from das.solver.kernels.landings import LANDINGS
 from das.solver.kernels.sweep import LANES, backward_sweep
 from das.solver.kernels.transitions import transitions
 from das.solver.kernels.tuples import LineArrays, Moves, SpeedBounds
-from das.solver.parts import in_parts
 from das.solver.section import Section
 from das.solver.state import State
 
@@ -34,7 +35,6 @@ def solve_front(
     threads: int = 2,
     lambda_w: Floats | None = None,
     end_value_j: Floats | None = None,
-    block_nodes: int = BLOCK_NODES,
 ) -> Front:
     """Solve a section for a ladder of multipliers (default: `default_ladder`).
 
@@ -47,7 +47,7 @@ def solve_front(
     because all of them together would be as large as the result. The result is identical, bit for bit, for any number
     of threads and size of block.
     """
-    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads, block_nodes=block_nodes)
+    sweep = _Sweep(section, lambda_w, end_value_j, threads=threads)
     sweep.come_down_to(0)
     return sweep.front()
 
@@ -81,15 +81,7 @@ def node_behind(section: Section, s_m: float) -> int:
 class _Sweep:
     """The partial sweep of a section from its end towards its start; thread-safe."""
 
-    def __init__(
-        self,
-        section: Section,
-        lambda_w: Floats | None,
-        end_value_j: Floats | None,
-        *,
-        threads: int,
-        block_nodes: int = BLOCK_NODES,
-    ) -> None:
+    def __init__(self, section: Section, lambda_w: Floats | None, end_value_j: Floats | None, *, threads: int) -> None:
         self.grid = DecisionGrid.of(section)
         self.ladder = default_ladder(section) if lambda_w is None else np.asarray(lambda_w, dtype=float)
         n = len(self.grid.node_m) - 1
@@ -97,30 +89,24 @@ class _Sweep:
         self._value_j, self._time_to_go_s = np.empty(shape, np.float64), np.empty(shape, np.float32)
         self._value_j[-1] = 0.0 if end_value_j is None else end_value_j[:, np.newaxis]
         self._time_to_go_s[-1] = 0.0
-        self._threads, self._block_nodes = threads, block_nodes
-        self._known_from = n
-        self._lock = Lock()
-
-    @property
-    def known_from(self) -> int:
-        """The first decision node whose policies are known."""
-        return self._known_from
+        self._threads, self._lock = threads, Lock()
+        self.known_from = n
 
     def come_down_to(self, first: int) -> None:
         """Solve all unsolved nodes from `first` on."""
         with self._lock:
-            last, threads, ladder = self._known_from, self._threads, self.ladder
+            last, threads, ladder = self.known_from, self._threads, self.ladder
             if first >= last:
                 return
-            space = empty_moves(min(self._block_nodes, last - first), self.grid.section.speed_steps + 1)
+            space = empty_moves(min(BLOCK_NODES, last - first), self.grid.section.speed_steps + 1)
             with ThreadPoolExecutor(threads) as pool:
-                for end in range(last, first, -self._block_nodes):
-                    start = max(end - self._block_nodes, first)
+                for end in range(last, first, -BLOCK_NODES):
+                    start = max(end - BLOCK_NODES, first)
                     moves = part_of(space, 0, end - start)
                     in_parts(pool, threads, end - start, self.grid.fill, start, moves)
                     filled = self._value_j[start : end + 1], self._time_to_go_s[start : end + 1]
                     in_parts(pool, threads, len(ladder), backward_sweep, ladder, moves, *filled, of=LANES)
-            self._known_from = first
+            self.known_from = first
 
     def front(self) -> Front:
         """The front of the nodes solved so far, which continues the sweep when a node further back is needed."""
@@ -129,8 +115,17 @@ class _Sweep:
             lambda_w=self.ladder,
             value_j=self._value_j,
             time_to_go_s=self._time_to_go_s,
-            sweep=self if self._known_from > 0 else None,
+            sweep=self if self.known_from > 0 else None,
         )
+
+
+def in_parts(
+    pool: ThreadPoolExecutor, threads: int, size: int, work: Callable[..., None], *args: object, of: int = 1
+) -> None:
+    """Call work(first, last, *args) for parts of range(size), each in a thread; they begin at multiples of `of`."""
+    edges = [min(of * round(size * i / (threads * of)), size) for i in range(threads)] + [size]
+    for future in [pool.submit(work, first, last, *args) for first, last in pairwise(edges)]:
+        future.result()
 
 
 def default_ladder(section: Section) -> Floats:

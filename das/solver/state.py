@@ -29,13 +29,6 @@ class RollOut(NamedTuple):
     time_s: float
 
 
-class Totals(NamedTuple):
-    """Least total cost (J) and time (s) from a state for every multiplier of the ladder, according to the policies."""
-
-    cost_j: Floats
-    time_s: Floats
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State(LineProfile):
     """A speed at a position of a section, and the line from there to the end of the section.
@@ -111,12 +104,11 @@ class State(LineProfile):
         )
         return self._finished(speeds, time_s)
 
-    def totals(self, policies: Policies) -> Totals:
-        """Least total cost and time from the state for every multiplier of the ladder."""
-        size = len(policies.lambda_w)
-        totals = Totals(np.empty(size), np.empty(size))
-        one_step_totals(self.speed_mps, self._first_step(), policies, self.section.loss_params, *totals)
-        return totals
+    def totals(self, policies: Policies) -> tuple[Floats, Floats]:
+        """Least total costs (J) and their times (s) for every multiplier of the ladder, according to the policies."""
+        cost_j, time_s = np.empty((2, len(policies.lambda_w)))
+        one_step_totals(self.speed_mps, self._first_step(), policies, self.section.loss_params, cost_j, time_s)
+        return cost_j, time_s
 
     def solution(
         self,

@@ -63,7 +63,7 @@ def excess_ratio(which: Which, energy_j: float, time_s: float) -> float:
 
 def least_j(front: Front, time_s: float) -> float:
     """The least energy (J) for a time on the decision grid: the largest of (least total cost − λ·time) over all λ."""
-    cost_j = State.at(front.section).totals(front.policies).cost_j
+    cost_j, _ = State.at(front.section).totals(front.policies)
     return float((cost_j - front.lambda_w * time_s)[cost_j < UNREACHABLE].max())
 
 

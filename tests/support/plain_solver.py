@@ -15,9 +15,8 @@ from das.solver.kernels.landings import LANDINGS, landings, step_cost
 from das.solver.kernels.policy_values import grid_speed, locate
 from das.solver.kernels.sweep import backward_sweep
 from das.solver.kernels.tuples import Moves
-from das.solver.parts import in_parts
 from das.solver.section import Section
-from das.solver.solve import BLOCK_NODES, DecisionGrid, default_ladder, empty_moves, part_of
+from das.solver.solve import BLOCK_NODES, DecisionGrid, default_ladder, empty_moves, in_parts, part_of
 from das.solver.state import State
 
 Floats = NDArray[np.float64]
@@ -76,7 +75,7 @@ def numpy_sweep(moves: Moves, lambda_w: Floats) -> tuple[Floats, Floats]:
 def bisected(front: Front, time_s: float) -> tuple[Floats, float]:
     """Speeds and time of the run nearest to a requested time, by bisection of λ over the whole ladder."""
     state = State.at(front.section)
-    search = TimeSearch(front.policies, state, time_s, least_time_s=state.fastest().time_s)
+    search = TimeSearch(front.policies, state, time_s, tol.TIME_TOLERANCE_S)
     low, high = 0.0, float(len(front.lambda_w) - 1)
     while True:
         trial = search.attempt(0.5 * (low + high))

@@ -51,7 +51,7 @@ def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -
     """The phase of an instruction that holds from node `begin` to `end` of a run, whose first node is `first`."""
     x, manner = divmod(int(run.said[begin]), CODE)
     if manner == ON_CURVE:
-        return Phase(PhaseKind.BRAKE, 0.0, first + begin, front.goal_mps(first + begin))
+        return Phase(PhaseKind.BRAKE, 0.0, first + begin, float(front.curve.goal_mps[first + begin]))
     kind, target_mps, ends_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x]), float(run.speeds_mps[end])
     if manner == ROLLS_UP and not _only_rises(run.speeds_mps[begin : end + 1], target_mps):
         return Phase(PhaseKind.COAST, 0.0, first + begin, ends_mps)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,48 +24,45 @@ ROUNDS = 2
 Plan = tuple[PolicyFrom, ...]
 
 
+@dataclass(eq=False)
 class _Search:
-    """The runs tried so far for a time to a place (m)."""
+    """The search for runs from a state that take a time to a place (m), with the runs tried so far."""
 
-    def __init__(
-        self, front: GuideFront, state: State, time_s: float, told: int, at_m: float, near_s: float = NEAR_S,
-        known: dict[Plan, GuideRun] | None = None,
-    ) -> None:  # fmt: skip
-        self._front, self._state, self._time_s, self._told, self._at_m = front, state, time_s, told, at_m
-        self._near_s, self._known = near_s, {} if known is None else known
-        self._found: list[tuple[float, GuideRun, Plan]] = []
+    front: GuideFront
+    state: State
+    time_s: float
+    told: int
+    at_m: float
+    near_s: float = NEAR_S
+    known: dict[Plan, GuideRun] = field(default_factory=dict)
+    """The runs of plans, which several searches from a state may share."""
+    found: list[tuple[float, GuideRun, Plan]] = field(default_factory=list)
 
     def late_s(self, *plan: PolicyFrom) -> float:
         """The lateness (s; early < 0) of the run of a plan; infinity if only this plan makes the train stall."""
-        if plan not in self._known:
+        if plan not in self.known:
             try:
-                self._known[plan] = self._front.run(self._state, plan, self._told)
+                self.known[plan] = self.front.run(self.state, plan, self.told)
             except InfeasibleError:
-                if not self._found:
+                if not self.found:
                     raise
                 return math.inf
-        run = self._known[plan]
-        self._found.append((run.passes_s(self._at_m) - self._time_s, run, plan))
-        return self._found[-1][0]
-
-    @cached_property
-    def spare_s(self) -> float:
-        """The wanted time minus the time of the fastest run to the place (s)."""
-        elapsed_s = self._state.elapsed_s(self._state.fastest().speeds_mps)
-        return self._time_s - float(np.interp(self._at_m, self._state.node_m, elapsed_s))
+        run = self.known[plan]
+        self.found.append((run.passes_s(self.at_m) - self.time_s, run, plan))
+        return self.found[-1][0]
 
     @property
     def is_near(self) -> bool:
         """Whether one of the runs is near enough."""
-        return any(abs(late_s) < self._near_s for late_s, _, _ in self._found)
+        return any(abs(late_s) < self.near_s for late_s, _, _ in self.found)
 
     def best(self, price_w: float) -> tuple[float, GuideRun, Plan]:
         """The run with the least energy plus cost of its lateness: the lateness (s; early < 0), the run, its plan."""
-        return min(self._found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))
+        return min(self.found, key=lambda one: one[1].energy_j + price_w * lateness_s(one[0]))
 
-    def has_best_near(self, price_w: float) -> bool:
-        """Whether the run with the least energy plus cost of its lateness is near enough."""
-        return self.is_near and abs(self.best(price_w)[0]) < self._near_s
+    def _ends(self, price_w: float) -> bool:
+        """Whether the search ends: for an arrival when the best run is near, for a place when any run is."""
+        return self.is_near and (self.at_m < self.front.section.end_m or abs(self.best(price_w)[0]) < self.near_s)
 
     def nearest(self, *, not_early: bool) -> tuple[float, GuideRun]:
         """The run nearest to the wanted time, and its deviation (s), which counts more on the unwanted side."""
@@ -74,8 +71,47 @@ class _Search:
             unwanted = late_s < 0.0 if not_early else late_s > 0.0
             return abs(late_s) * (LATE_RATIO if unwanted else 1.0)
 
-        late_s, run, _ = min(self._found, key=lambda one: off_s(one[0]))
+        late_s, run, _ = min(self.found, key=lambda one: off_s(one[0]))
         return off_s(late_s), run
+
+    def try_prices(self, prices: range) -> float:
+        """Try prices of time, singly and in pairs; returns the higher of the two enclosing prices (W).
+
+        The second price begins at a decision node between the state and the place.
+        """
+        front, first = self.front, self.state.first_node
+        last = int(np.searchsorted(front.section.node_m[front.section.decision], self.at_m))
+        slow, quick = self._enclosing(prices)
+        price_w = float(front.lambda_w[min(quick, prices[-1])])
+        fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow in prices else []
+        slower = (max(quick - rungs, prices[0]) for rungs in SLOWER)
+        fills += [(quick, PolicyFrom(0, number, anew=True)) for number in slower]
+        for number, then in fills if quick in prices else []:
+            begin, end = first, last
+            while end - begin > 1 and not self._ends(price_w):
+                middle = (begin + end) // 2
+                late = self.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
+                begin, end = (middle, end) if late == (number == quick) else (begin, middle)
+        return price_w
+
+    def _enclosing(self, prices: range) -> tuple[int, int]:
+        """Indices of two neighbouring prices: late with the first, early with the second, unless a run is near enough.
+
+        By bisection: a higher price does not always give a shorter time, so a search from a guess may find a higher
+        price than necessary. For a train that can only be late, the highest price alone is tried.
+        """
+        slow, quick, first = prices.start - 1, prices.stop, self.state.first_node
+        fastest_s = self.state.elapsed_s(self.state.fastest().speeds_mps)
+        least_s = float(np.interp(self.at_m, self.state.node_m, fastest_s))
+        number = (prices.start + prices.stop) // 2 if self.time_s > least_s else quick - 1
+        while quick - slow > 1 and not self.is_near:
+            slow, quick = (number, quick) if self.late_s(PolicyFrom(first, number)) > 0.0 else (slow, number)
+            number = (slow + quick) // 2
+        return slow, quick
+
+    def arrive(self) -> tuple[GuideRun, Plan]:
+        """Try prices for an arrival; returns the best run and its plan."""
+        return self.best(self.try_prices(self.front.ladders[0]))[1:]
 
 
 def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTRUCTION) -> tuple[GuideRun, Plan]:
@@ -84,52 +120,15 @@ def in_time(front: GuideFront, state: State, time_s: float, told: int = NO_INSTR
     `told` is the instruction in force, shown for some time already. If no run is quick enough, the result is the
     quickest run. Raises InfeasibleError if the train stalls.
     """
-    search = _Search(front, state, time_s, told, front.section.end_m)
-    return search.best(_tried(search, front, state.first_node, len(front.section.decision) - 1))[1:]
+    return _Search(front, state, time_s, told, front.section.end_m).arrive()
 
 
 def all_tried(front: GuideFront, state: State, times_s: Iterable[float]) -> list[GuideRun]:
     """All different runs found near these times to the end; the search continues beyond a run that is near enough."""
     known: dict[Plan, GuideRun] = {}
     for time_s in times_s:
-        search = _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, near_s=0.0, known=known)
-        _tried(search, front, state.first_node, len(front.section.decision) - 1)
+        _Search(front, state, time_s, NO_INSTRUCTION, front.section.end_m, 0.0, known).arrive()
     return list(known.values())
-
-
-def _tried(search: _Search, front: GuideFront, first: int, last: int, prices: range | None = None) -> float:
-    """Try prices of time, singly and in pairs; returns the higher of the two enclosing prices (W).
-
-    The second price begins at a decision node between `first` and `last`. For an arrival (no `prices`), the search ends
-    when the run that `best` takes is near; for a place, when any run is.
-    """
-    at_end, prices = prices is None, front.ladders[0] if prices is None else prices
-    slow, quick = _enclosing(search, prices, first)
-    price_w = float(front.lambda_w[min(quick, prices[-1])])
-    fills = [(quick, PolicyFrom(0, slow)), (slow, PolicyFrom(0, quick, anew=True))] if slow in prices else []
-    slower = (max(quick - rungs, prices[0]) for rungs in SLOWER)
-    fills += [(quick, PolicyFrom(0, number, anew=True)) for number in slower]
-    for number, then in fills if quick in prices else []:
-        begin, end = first, last
-        while end - begin > 1 and not (search.has_best_near(price_w) if at_end else search.is_near):
-            middle = (begin + end) // 2
-            late = search.late_s(PolicyFrom(first, number), then._replace(node=middle)) > 0
-            begin, end = (middle, end) if late == (number == quick) else (begin, middle)
-    return price_w
-
-
-def _enclosing(search: _Search, prices: range, first: int) -> tuple[int, int]:
-    """Indices of two neighbouring prices: late with the first, early with the second, unless a run is near enough.
-
-    By bisection: a higher price does not always give a shorter time, so a search from a guess may find a higher price
-    than necessary. For a train that can only be late, the highest price alone is tried.
-    """
-    slow, quick = prices.start - 1, prices.stop
-    number = (prices.start + prices.stop) // 2 if search.spare_s > 0.0 else quick - 1
-    while quick - slow > 1 and not search.is_near:
-        slow, quick = (number, quick) if search.late_s(PolicyFrom(first, number)) > 0.0 else (slow, number)
-        number = (slow + quick) // 2
-    return slow, quick
 
 
 def through(front: GuideFront, state: State, time_s: float, at_m: float, window: Window, told: int) -> GuideRun:
@@ -154,7 +153,7 @@ def through(front: GuideFront, state: State, time_s: float, at_m: float, window:
         search = _Search(before, state, aim_s, told, at_m, NEAR_AT_PLACE_S)
         for prices in before.ladders:
             if not search.is_near:
-                _tried(search, before, state.first_node, node, prices)
+                search.try_prices(prices)
         off_s, run = search.nearest(not_early=aim_s > passes_s)
         found.append((off_s, run))
     run = min(reversed(found), key=lambda one: max(one[0], NEAR_S))[1]

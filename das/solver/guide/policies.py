@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
@@ -33,9 +33,8 @@ from das.solver.kernels.guide_policy import (
 )
 from das.solver.kernels.guide_run import STALLED, FineCurve, guide_roll_out
 from das.solver.kernels.schedule import BACK_SHARE  # noqa: F401 - it counts in the keys of tables
-from das.solver.parts import in_parts
 from das.solver.section import Section
-from das.solver.solve import DecisionGrid, node_behind, usable_power_w
+from das.solver.solve import DecisionGrid, in_parts, node_behind, usable_power_w
 from das.solver.state import State
 
 STEP_MPS: Final = 5.0 * KMH
@@ -122,34 +121,9 @@ class GuideRun:
         return float(run_energy(self.state.for_kernels, section.train, section.loss_params, self.speeds_mps))
 
 
-class _Solved(NamedTuple):
-    """A policy from a decision node to the end."""
-
-    node: int
-    policy: GuidePolicy
-
-
-class _Ahead(NamedTuple):
-    """The moves from a decision node to the end, and the policies of prices by number, in the order of their use.
-
-    A policy is solved from the train's place on, which takes far less time near the end of a section.
-    """
-
-    node: int
-    moves: GuideMoves
-    policies: dict[int, _Solved]
-
-    def moves_from(self, node: int) -> GuideMoves:
-        """The moves from a decision node on."""
-        rows = slice(node - self.node, None)
-        landing_mps, energy_j, target, weight = self.moves
-        return GuideMoves(landing_mps[rows], energy_j[rows], target[rows], weight[rows])
-
-
 class _Behind(NamedTuple):
-    """The behaviour of a train from a decision node on: the rows of its policy, and the costs there."""
+    """The behaviour of a train from a decision node on: the last rows of its policy, and the costs at the node."""
 
-    node: int
     policy: GuidePolicy
     costs_j: Floats
 
@@ -158,7 +132,8 @@ class GuideFront:
     """The policies of a section for a ladder of prices of time (W, ascending), each solved when it is first needed.
 
     The front begins at the start of the section, or a little behind the position `s_m` (m). `references` are finished
-    schedules of the section; None: there are none. Thread-safe.
+    schedules of the section; None: there are none. `curve` is the braking curve by integration node; `power_w` is the
+    traction power usable on the section (W), the unit of prices. Thread-safe.
     """
 
     def __init__(
@@ -175,7 +150,7 @@ class GuideFront:
         self._threads, self._lock = threads, Lock()
         self.speeds_mps = told_speeds(section)
         goal_mps, foot_m = falls_to(section.envelope_mps, section.node_m)
-        self._curve = FineCurve(goal_mps, self._nearest(goal_mps), foot_m)
+        self.curve = FineCurve(goal_mps, self._nearest(goal_mps), foot_m)
         grid, decision = DecisionGrid.of(section), section.decision
         # If the envelope begins to fall within a step, the whole step belongs to the braking curve.
         goal_mps, _ = falls_to(grid.bounds.envelope_mps, grid.node_m)
@@ -183,22 +158,20 @@ class GuideFront:
             grid.line, grid.bounds.envelope_mps, np.minimum.reduceat(section.limit_mps, decision[:-1]),
             goal_mps, self._nearest(goal_mps), *crests(section), self.speeds_mps, settings.line_mps,
         )  # fmt: skip
+        self.power_w = usable_power_w(section)
         size = 1 + math.ceil(math.log(HIGH_RATIO / LOW_RATIO) / math.log(settings.ladder_ratio))
         self.lambda_w = self.power_w * HIGH_RATIO * settings.ladder_ratio ** np.arange(1.0 - size, 1.0)
         self._least_mps = np.zeros(size)
+        # Moves and policies begin at a decision node and end with the section: the fewer rows, the further ahead.
+        self._moves: GuideMoves | None = None
+        self._kept: dict[int, GuidePolicy] = {}  # by number of the price, in the order of their use
         self._behind: _Behind | None = None
-        self._solved_ahead: _Ahead | None = None
 
     @property
     def ladders(self) -> tuple[range, range]:
         """The numbers of the prices of time, and of those that go with a lowest speed; each from slow to quick."""
         size = len(self.lambda_w) - np.count_nonzero(self._least_mps)
         return range(size), range(size, len(self.lambda_w))
-
-    @property
-    def power_w(self) -> float:
-        """The traction power usable on the section (W), the unit of prices."""
-        return usable_power_w(self.section)
 
     @property
     def dearest(self) -> int:
@@ -208,28 +181,14 @@ class GuideFront:
     @property
     def nbytes(self) -> int:
         """The size of the moves and of the policies that are kept (bytes)."""
-        ahead = self._solved_ahead
-        if ahead is None:
-            return 0
-        return sum(one.nbytes for one in ahead.moves) + sum(map(_size, list(ahead.policies.values())))
+        return sum(map(_size, [self._moves or (), *self._kept.values()]))
 
     def cover(self, s_m: float) -> None:
         """Solve policies, from now on, for a train at a position (m) and for all places ahead of it."""
         with self._lock:
             first = node_behind(self.section, s_m)
             if first < self._first:
-                self._first, self._solved_ahead = first, None
-
-    @property
-    def _ahead(self) -> _Ahead:
-        """The solved part ahead of the train; the moves are computed when first needed."""
-        if self._solved_ahead is None:
-            self._solved_ahead = self._solved_from(self._first)
-        return self._solved_ahead
-
-    def goal_mps(self, node: int) -> float:
-        """The speed to which the braking curve falls from an integration node on."""
-        return float(self._curve.goal_mps[node])
+                self._first, self._moves, self._kept = first, None, {}
 
     def prices(self, number: int) -> GuidePrices:
         """The prices that go with a price of time."""
@@ -252,12 +211,13 @@ class GuideFront:
             self.cover(float(state.node_m[0]))
         solved = self._policies([one.number for one in plan], state.first_node)
         first = len(section.node_m) - len(state.node_m)
-        goal_mps, goal_x, foot_m = self._curve
+        goal_mps, goal_x, foot_m = self.curve
         curve = FineCurve(goal_mps[first:], goal_x[first:], foot_m[first:] - state.node_m)
         speeds, said = np.empty(len(state.node_m)), np.empty(len(state.step_m), np.int64)
         speeds[0], now = state.speed_mps, (told, math.inf)
         nodes = [0, *(max(one.node - state.first_node, 0) for one in plan[1:]), len(state.decision) - 1]
-        for one, (row_0, policy), begin, end in zip(plan, solved, nodes[:-1], nodes[1:], strict=True):
+        for one, policy, begin, end in zip(plan, solved, nodes[:-1], nodes[1:], strict=True):
+            row_0 = len(self._grid.limit_mps) - len(policy.choice)
             anew = one.anew and one.node > state.first_node  # A train beyond that node already has its instruction.
             now = guide_roll_out(
                 (begin, end), state.first_node, state.decision, state.for_kernels, state.envelope_mps, curve,
@@ -275,8 +235,14 @@ class GuideFront:
         nearest = np.abs(goal_mps[:, np.newaxis] - self.speeds_mps).argmin(axis=1)
         return np.where(goal_mps > SAME_MPS, nearest, -1)
 
-    def _solved_from(self, first: int) -> _Ahead:
-        """The moves from a decision node to the end, and no policy yet."""
+    def _moves_from(self, node: int) -> GuideMoves:
+        """The moves from a decision node to the end; those of the whole front are computed when first needed."""
+        if self._moves is None:
+            self._moves = self._all_moves(self._first)
+        return GuideMoves._make(rows[node - len(self._grid.limit_mps) :] for rows in self._moves)
+
+    def _all_moves(self, first: int) -> GuideMoves:
+        """The moves from a decision node to the end, computed."""
         last = len(self._grid.limit_mps)
         lines = int(np.ceil(self._grid.envelope_mps[first:].max() / self.settings.line_mps - SAME_MPS)) + 1
         shape = (last - first, lines, COLUMNS)
@@ -291,23 +257,22 @@ class GuideFront:
 
         with ThreadPoolExecutor(self._threads) as pool:
             in_parts(pool, self._threads, last - first, fill)
-        return _Ahead(first, moves, {})
+        return moves
 
-    def _policies(self, numbers: Sequence[int], node: int) -> list[_Solved]:
+    def _policies(self, numbers: Sequence[int], node: int) -> list[GuidePolicy]:
         """The policies of these prices from a decision node on, or from one before it.
 
-        Policies that are not kept are solved, several at a time in threads.
+        Policies that are not kept are solved, several at a time in threads: from the train's place on, which takes far
+        less time near the end of a section.
         """
         with self._lock:
-            kept = self._ahead.policies
+            moves, kept = self._moves_from(node), self._kept
             known = {one: kept.pop(one, None) for one in dict.fromkeys(numbers)}
-            found = {one: solved for one, solved in known.items() if solved is not None and solved.node <= node}
+            rows = len(moves.target)
+            found = {one: policy for one, policy in known.items() if policy is not None and len(policy.choice) >= rows}
             missing = [one for one in known if one not in found]
-            if len(missing) > 1:
-                with ThreadPoolExecutor(self._threads) as pool:
-                    found.update(zip(missing, pool.map(lambda one: self._solved(one, node), missing), strict=True))
-            elif missing:
-                found[missing[0]] = self._solved(missing[0], node)
+            with ThreadPoolExecutor(self._threads) as pool:
+                found.update(zip(missing, pool.map(lambda one: self._solved(one, moves), missing), strict=True))
             kept.update(found)
             while len(kept) > len(found) and sum(map(_size, kept.values())) > self.settings.kept_bytes:
                 del kept[next(iter(kept))]
@@ -321,49 +286,50 @@ class GuideFront:
         the time may jump by a minute: from a fast train that coasts to one that brakes and then crawls. The last prices
         therefore each have a lowest speed, to which such a train brakes.
         """
-        ((row_0, policy),) = self._policies([number], node)
-        rows, ahead = node - row_0, self._ahead
-        behind = GuidePolicy(policy.choice[rows:].copy(), policy.stay[rows:].copy())
-        costs_j = self._swept(node, len(self._grid.limit_mps), self._free(), ahead.moves_from(node), number, behind)
+        (policy,) = self._policies([number], node)
+        moves = self._moves_from(node)
+        behind = GuidePolicy._make(kept[-len(moves.target) :].copy() for kept in policy)
+        costs_j = self._swept(len(self._grid.limit_mps), self._free(moves), moves, number, behind)
         found = copy(self)
         waiting, braking = np.geomspace(1.0, LOW_RATIO, WAITING), np.ones_like(self.speeds_mps)
         found.lambda_w = np.concatenate((-self.power_w * waiting, self.lambda_w, -self.power_w * braking))
         found._least_mps = np.concatenate((np.zeros(WAITING), self._least_mps, self.speeds_mps))
-        found._behind = _Behind(node, behind, costs_j)
-        found._solved_ahead, found._lock = ahead._replace(policies={}), Lock()
+        found._behind = _Behind(behind, costs_j)
+        found._kept, found._lock = {}, Lock()
         return found
 
-    def _solved(self, number: int, node: int) -> _Solved:
-        moves = self._ahead.moves_from(node)
+    def _solved(self, number: int, moves: GuideMoves) -> GuidePolicy:
+        """The policy of a price for the nodes of these moves."""
         nodes, lines, _ = moves.target.shape
         words = -(-len(self.speeds_mps) // WORD)
         policy = GuidePolicy(
             np.empty((nodes, lines), np.uint16), np.empty((nodes, lines, MANNERS, 2, words), np.uint32)
         )
-        last, costs_j = node + nodes, self._free()
+        last, costs_j = len(self._grid.limit_mps), self._free(moves)
         if self._behind is not None:
-            last, behind, costs_j = self._behind
-            policy.choice[last - node :], policy.stay[last - node :] = behind
-        self._swept(node, last, costs_j, moves, number, policy)
-        return _Solved(node, policy)
+            behind, costs_j = self._behind
+            rows = len(behind.choice)
+            last -= rows
+            policy.choice[-rows:], policy.stay[-rows:] = behind
+        self._swept(last, costs_j, moves, number, policy)
+        return policy
 
-    def _free(self) -> Floats:
+    def _free(self, moves: GuideMoves) -> Floats:
         """The costs at the end of the section: none."""
-        lines = self._ahead.moves.target.shape[1] + 1
-        return np.zeros((lines, LANDED + 1, 2, len(self.speeds_mps)))
+        return np.zeros((moves.target.shape[1] + 1, LANDED + 1, 2, len(self.speeds_mps)))
 
-    def _swept(
-        self, first: int, last: int, costs_j: Floats, moves: GuideMoves, number: int, policy: GuidePolicy
-    ) -> Floats:
-        """Fill a policy between two decision nodes, from the costs at the second one; returns those at the first."""
-        section = self.section
-        prices = self.prices(number)
-        train, params = section.train, section.loss_params
-        return np.asarray(guide_sweep(first, last, costs_j.copy(), self._grid, train, params, moves, prices, policy))
+    def _swept(self, last: int, costs_j: Floats, moves: GuideMoves, number: int, policy: GuidePolicy) -> Floats:
+        """Fill a policy up to decision node `last`, from the costs there; returns the costs at the policy's first node.
+
+        The moves begin at the same node as the policy.
+        """
+        first, grid, prices = len(self._grid.limit_mps) - len(policy.choice), self._grid, self.prices(number)
+        train, losses = self.section.train, self.section.loss_params
+        return np.asarray(guide_sweep(first, last, costs_j.copy(), grid, train, losses, moves, prices, policy))
 
 
-def _size(solved: _Solved) -> int:
-    return solved.policy.choice.nbytes + solved.policy.stay.nbytes
+def _size(arrays: Iterable[np.ndarray]) -> int:
+    return sum(one.nbytes for one in arrays)
 
 
 def falls_to(envelope_mps: Floats, node_m: Floats) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.solver.kernels import schedule as kernels
-from das.solver.kernels.tuples import KnownRun, LineArrays
+from das.solver.kernels.tuples import KnownRun
 from das.solver.section import Section
 from das.solver.solution import Fit, Solution
 from das.solver.state import RollOut, State, following_node, least_time_s
@@ -135,12 +135,7 @@ class Schedule:
 
     def speed_at(self, s_m: float) -> float:
         """The scheduled speed (m/s) at a position; v² is linear between the nodes."""
-        return math.sqrt(float(np.interp(s_m, self.section.node_m, self._speed_w)))
-
-    @cached_property
-    def _speed_w(self) -> Floats:
-        """The scheduled v² at the nodes (m²/s²)."""
-        return np.asarray(self.known.speed_mps**2)
+        return math.sqrt(float(np.interp(s_m, self.section.node_m, self.known.speed_mps**2)))
 
     def brakes_by_effort(self, number: int) -> bool:
         """Whether a phase brakes to its speed with a given effort, not along a limit's curve, and then holds it."""
@@ -155,21 +150,22 @@ class Schedule:
 
     def reached_m(self, number: int, s_m: float) -> float:
         """The place (m) where a brake phase reaches its target speed; if the train is past it, the end of the phase."""
-        at_m = float(self.section.node_m[self._reached(number)])
-        return at_m if s_m < at_m else self.begin_m(number + 1)
-
-    def _reached(self, number: int) -> int:
-        """The node where the trajectory reaches the target of a brake, or the last node of its phase."""
         first, last = self.phases[number].begin + 1, len(self.at)
         if number + 1 < len(self.phases):
             last = max(self.phases[number + 1].begin, first)
         reached = self.known.speed_mps[first:last] < self.phases[number].target_mps + MET_MPS
-        return first + int(np.argmax(reached)) if reached.any() else last
+        at_m = float(self.section.node_m[first + int(np.argmax(reached)) if reached.any() else last])
+        return at_m if s_m < at_m else self.begin_m(number + 1)
 
     def forecast(self, s_m: float, v_mps: float, *, met_mps: float = MET_MPS) -> Prospect:
         """The forecast of a train in a state that keeps to the schedule; raises InfeasibleError if it stalls."""
         section = self.section
-        first, line, envelope = self.ahead(s_m, v_mps)
+        following = min(following_node(section, s_m), len(section.step_m))
+        first = following - 1
+        step, envelope = section.step_m.copy(), section.envelope_mps.copy()
+        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
+        envelope[first] = max(envelope[first], v_mps)
+        line = section.for_kernels._replace(step_m=step)
         speeds = np.full(len(section.node_m), np.nan)
         speeds[first] = v_mps
         time_s, energy_j = kernels.follow(
@@ -179,18 +175,6 @@ class Schedule:
         at_m = section.node_m[first:].copy()
         at_m[0] = s_m
         return Prospect(speeds, section.finished_s(time_s, s_m, v_mps), energy_j, at_m)
-
-    def ahead(self, s_m: float, v_mps: float) -> tuple[int, LineArrays, Floats]:
-        """The interval of a position, with line and envelope of the section cut to begin at the state."""
-        section = self.section
-        following = min(following_node(section, s_m), len(section.step_m))
-        first = following - 1
-        step, envelope = section.step_m.copy(), section.envelope_mps
-        step[first] = max(float(section.node_m[following]) - s_m, 1e-3)
-        if v_mps > envelope[first]:
-            envelope = envelope.copy()
-            envelope[first] = v_mps
-        return first, section.for_kernels._replace(step_m=step), envelope
 
 
 class Scheduled(NamedTuple):

@@ -61,19 +61,13 @@ def adhesion_coefficient(v):
 
 
 @kernel
-def curve_limit(row, v, p):
-    """The force of an effort curve at a speed: row 0 for traction, row 1 for the electric brake."""
-    x = v * CURVE_STEPS_PER_MPS
-    i = min(int(x), p.curves_n.shape[1] - 2)
-    low = p.curves_n[row, i]
-    return low + min(x - i, 1.0) * (p.curves_n[row, i + 1] - low)
-
-
-@kernel
 def _effort_limit(row, v, force, power, p):
     limit = force if v * force <= power else power / v
     if p.has_curves:
-        limit = min(limit, curve_limit(row, v, p))
+        x = v * CURVE_STEPS_PER_MPS
+        i = min(int(x), p.curves_n.shape[1] - 2)
+        low = p.curves_n[row, i]
+        limit = min(limit, low + min(x - i, 1.0) * (p.curves_n[row, i + 1] - low))
     if p.adhesive_force_n < NO_LIMIT_N:
         return min(limit, p.adhesive_force_n * adhesion_coefficient(v))
     return limit

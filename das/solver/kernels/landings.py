@@ -72,6 +72,20 @@ def step_cost(v0, v1, h, g, q, p, c):
 
 
 @kernel
+def slower_landings(v0, h, g, q, p):
+    """Speeds after a decision step: coasting, at full electric brake, with all brakes."""
+    coast = landing_under(0.0, v0, h, g, q, p)
+    electric = coast
+    if not p.brakes_dissipate and p.electric_force_n > 0.0:
+        electric = landing_speed(v0, h, -1.0, g, q, p)
+    low = electric
+    if p.friction_force_n > 0.0 or p.brakes_dissipate:
+        # Both brakes together, with the electric brake at its limit at v0, which is exact for a force limit.
+        low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
+    return coast, electric, low
+
+
+@kernel
 def landings(v0, h, g, q, top, last, p, out):
     """Fill `out` with the candidate landing speeds from v0, hardest brake first, and return their number.
 
@@ -86,14 +100,7 @@ def landings(v0, h, g, q, top, last, p, out):
     high = min(high, top)
     if high <= 0.0:
         return 0
-    coast = landing_under(0.0, v0, h, g, q, p)
-    electric = coast
-    if not p.brakes_dissipate and p.electric_force_n > 0.0:
-        electric = landing_speed(v0, h, -1.0, g, q, p)
-    low = electric
-    if p.friction_force_n > 0.0 or p.brakes_dissipate:
-        # Both brakes together, with the electric brake at its limit at v0, which is exact for a force limit.
-        low = min(landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p), electric)
+    coast, electric, low = slower_landings(v0, h, g, q, p)
     low, electric, coast = min(low, high), min(electric, high), min(coast, high)
     n = 0
     if low < electric:

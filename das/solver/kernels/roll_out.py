@@ -141,22 +141,17 @@ def roll_out(k0, decision, line, bounds, policy, policies, p, c, v):
         full = landing_speed(v[i0], h, 1.0, gh / h, qh / h, ahead.train)
         creeping = final and v[i0] < CREEP_MPS
         if landing >= full or creeping:
-            # Full traction over one decision step is inaccurate: integrate it over the fine nodes.
-            moving = hurry(i0, i1, line, envelope, p, v)
+            moving = False  # Full traction over one decision step is inaccurate: integrate it over the fine nodes.
         elif landing == landing_under(0.0, v[i0], h, gh / h, qh / h, ahead.train):
             # At constant acceleration the train would draw and feed back energy where the slope changes in the step.
             moving = coast(i0, i1, line, envelope, p, v)
-            if not moving or v[i1] < floor[i1]:
-                moving = hurry(i0, i1, line, envelope, p, v)
         else:
             # A landing at or above full electric brake needs no friction brake; rounding must not add any.
             electric = landing_speed(v[i0], h, -1.0, gh / h, qh / h, ahead.train)
             friction_n = p.friction_force_n if p.brakes_dissipate or landing < 0.999 * electric else 0.0
             moving = drive(i0, i1, landing, friction_n, line, envelope, p, v)
-            if not moving or v[i1] < floor[i1]:
-                # A hill or the end speed is out of reach: this step needs full traction from the start.
-                moving = hurry(i0, i1, line, envelope, p, v)
-        if not moving:
+        # If a hill or the end speed is out of reach, this step needs full traction from the start.
+        if (not moving or v[i1] < floor[i1]) and not hurry(i0, i1, line, envelope, p, v):
             return -1.0
     return trip_time(step, v)
 

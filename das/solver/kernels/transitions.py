@@ -13,16 +13,14 @@ from das.solver.kernels.forces import (
     ADHESION_LEAST,
     ADHESION_OFFSET,
     ADHESION_SPEED,
-    brake_limit,
     on_supply,
     without_curves,
 )
-from das.solver.kernels.landings import LANDING_STEPS, LANDINGS, landing_speed, landing_under, step_cost
+from das.solver.kernels.landings import LANDING_STEPS, LANDINGS, landing_speed, slower_landings, step_cost
 from das.solver.kernels.policy_values import grid_speed
 from das.solver.kernels.tuples import NO_LIMIT_N
 from das.solver.tolerances import INFEASIBLE, LANDINGS_BRAKE, LANDINGS_EFFORT, SMALLEST_SHARE
 
-_ELECTRIC_BRAKE = -1
 _ROUNDING = 1e-9
 """Distance by which a point that counts as on a line may lie below it."""
 
@@ -47,7 +45,7 @@ def adhesion(v):
 def full_effort_landings(direction, speeds, step, g, q, p, out):
     """Speeds after a step under full traction (direction 1) or electric brake (−1) at the mean speed; 0: a stop."""
     force, power = p.traction_force_n, p.traction_power_w
-    if direction == _ELECTRIC_BRAKE:
+    if direction == -1:
         force, power = p.electric_force_n, p.electric_power_w
     slips = p.adhesive_force_n < NO_LIMIT_N
     n = speeds.size
@@ -253,15 +251,8 @@ def _extremes(speeds, h, g, q, p, space):
 def _extremes_on_curves(speeds, h, g, q, p, space):
     """The results of `_extremes`, computed one speed at a time, with forces from the effort curves."""
     for j in range(speeds.size):
-        v0 = speeds[j]
-        high, coast = landing_speed(v0, h, 1.0, g, q, p), landing_under(0.0, v0, h, g, q, p)
-        electric = coast
-        if not p.brakes_dissipate and p.electric_force_n > 0.0:
-            electric = landing_speed(v0, h, -1.0, g, q, p)
-        low = electric
-        if p.friction_force_n > 0.0 or p.brakes_dissipate:
-            low = landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p)
-        space[0, j], space[1, j], space[2, j], space[3, j] = high, coast, electric, low
+        space[0, j] = landing_speed(speeds[j], h, 1.0, g, q, p)
+        space[1, j], space[2, j], space[3, j] = slower_landings(speeds[j], h, g, q, p)
 
 
 @kernel

@@ -7,6 +7,7 @@ import pytest
 
 from das.domain.files.load import load_route, load_vehicle
 from das.domain.losses import EfficiencyLoss
+from das.solver import solve
 from das.solver.front import Front
 from das.solver.section import Section, build_section
 from das.solver.solution import Fit, trajectory_on
@@ -35,8 +36,11 @@ def front(section: Section) -> Front:
 
 
 @pytest.mark.parametrize(("threads", "block_nodes"), [(1, 10_000), (2, 10_000), (1, 1), (3, 7), (2, 32)])
-def test_blocks_and_threads_change_no_bit(section: Section, front: Front, threads: int, block_nodes: int) -> None:
-    other = solve_front(section, threads=threads, block_nodes=block_nodes)
+def test_blocks_and_threads_change_no_bit(
+    monkeypatch: pytest.MonkeyPatch, section: Section, front: Front, threads: int, block_nodes: int
+) -> None:
+    monkeypatch.setattr(solve, "BLOCK_NODES", block_nodes)
+    other = solve_front(section, threads=threads)
     assert np.array_equal(other.value_j, front.value_j)
     assert np.array_equal(other.time_to_go_s, front.time_to_go_s)
 

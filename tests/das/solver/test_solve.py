@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from das.solver.front import Front
 from das.solver.kernels.sweep import LANES, backward_sweep
-from das.solver.parts import in_parts
 from das.solver.section import Section, SectionOptions, build_section
-from das.solver.solve import BEHIND_M, DecisionGrid, empty_moves, solve_ahead, solve_front
+from das.solver.solve import BEHIND_M, DecisionGrid, empty_moves, in_parts, solve_ahead, solve_front
 from tests.support.making import make_route, make_train
 
 LADDER_W = np.geomspace(1e4, 1e8, 12)

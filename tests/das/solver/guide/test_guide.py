@@ -268,7 +268,7 @@ def test_a_run_inside_a_window_is_taken_before_a_nearer_one_outside_it() -> None
     section, front, _ = solved(ROUTE, LOCAL)
     search = _Search(front, State.at(section), 100.0, NO_INSTRUCTION, 5_000.0)
     early, late = (front.run(State.at(section), (PolicyFrom(0, number),)) for number in (200, 100))
-    search._found = [(-0.5, early, ()), (1.0, late, ())]
+    search.found = [(-0.5, early, ()), (1.0, late, ())]
     assert search.nearest(not_early=True) == (1.0, late)
     assert search.nearest(not_early=False) == (0.5, early)
 
@@ -345,7 +345,7 @@ def test_only_what_is_ahead_of_a_train_is_solved_and_the_run_is_the_same(from_m:
     start, state, plan = State.at(section), State.at(section, 6_000.0, 20.0), (PolicyFrom(0, 150),)
     from_start, whole, part = front.run(start, plan), front.run(state, plan), ahead.run(state, plan)
     np.testing.assert_array_equal(whole.speeds_mps, part.speeds_mps)
-    size, few = (sum(array.nbytes for array in one._ahead.policies[150].policy) for one in (front, ahead))
+    size, few = (sum(array.nbytes for array in one._kept[150]) for one in (front, ahead))
     assert few < 0.7 * size
     assert ahead.run(start, plan).time_s == from_start.time_s
 
@@ -356,13 +356,13 @@ def test_the_policies_kept_have_a_size() -> None:
     front, state = GuideFront(section, threads=1), State.at(section)
     assert front.nbytes == 0
     front.run(state, (PolicyFrom(0, 100),))
-    one = sum(array.nbytes for array in front._ahead.policies[100].policy)
+    one = sum(array.nbytes for array in front._kept[100])
     empty = front.nbytes - one
     front = GuideFront(section, PolicySettings(kept_bytes=2 * one), threads=1)
     for number in (100, 110, 100, 120):
         front.run(state, (PolicyFrom(0, number),))
     assert front.nbytes == empty + 2 * one
-    assert list(front._ahead.policies) == [100, 120]
+    assert list(front._kept) == [100, 120]
 
 
 @pytest.mark.parametrize(
