@@ -19,7 +19,6 @@ from das.estimate.estimate import (
     PositionFix,
     Problem,
     ProblemKind,
-    deviations,
 )
 from das.estimate.plausibility import (
     EXPECTED_SLOW_MPS,
@@ -312,16 +311,15 @@ class Localisation:
 
     def _take_next(self, fix: PositionFix, x: Track, span_s: float) -> None:
         """Accept or reject a possible fix that comes `span_s` after the last accepted one."""
-        sds = deviations(fix)
         expected = self._motion.expected(x, fix, span_s)
-        problem = surprise(fix, sds, expected=expected, before=x)
+        problem = surprise(fix, expected=expected, before=x)
         if problem:
             self._reject(problem)
             if not math.isnan(fix.s_m):
                 self._doubt(fix)
             return
         stood = self._standstill.stands
-        self._standstill.notice(fix, sds.speed_mps, expected.v)
+        self._standstill.notice(fix, expected.v)
         if self._standstill.stands:
             self._accept(fix, self._motion.stand(x, fix, span_s))
             return
@@ -333,7 +331,7 @@ class Localisation:
         """Begin the state from this fix alone."""
         state = self._motion.begin(fix)
         self._standstill = Standstill()
-        self._standstill.notice(fix, deviations(fix).speed_mps, state.v)
+        self._standstill.notice(fix, state.v)
         self._accept(fix, state, begins=True)
 
     def _accept(self, fix: PositionFix, state: Track, *, begins: bool = False) -> None:

@@ -77,12 +77,13 @@ def impossible(fix: PositionFix, *, fastest_mps: float, has_state: bool) -> Prob
     return None
 
 
-def surprise(fix: PositionFix, sds: Deviations, *, expected: Track, before: Track) -> Problem | None:
+def surprise(fix: PositionFix, *, expected: Track, before: Track) -> Problem | None:
     """The problem of a fix that deviates more than noise and the train's motion explain; None if it does not.
 
     `expected` is the state expected at the fix and `before` the last one. A fix behind `before` deviates as well,
     because trains do not roll back. A speed or position that was not measured never deviates.
     """
+    sds = deviations(fix)
     off_mps = fix.speed_mps - expected.v - expected.c
     if abs(off_mps) > max(GATE_SDS * math.sqrt(speed_variance(expected) + sds.speed_mps**2), GATE_LEAST_MPS):
         return Problem(ProblemKind.SPEED_JUMPED, off_mps)
@@ -115,35 +116,28 @@ class Doubts:
 
     def __init__(self, fastest_mps: float) -> None:
         self._fastest_mps = fastest_mps
-        self._first: PositionFix | None = None
-        self._last: PositionFix | None = None
-        self._count = 0
+        self._fixes: list[PositionFix] = []
 
     def outlast(self, time_ns: int) -> bool:
         """Whether there are rejected fixes, the last of them not too old at a time (ns since 1970)."""
-        last = self._last
-        return last is not None and (time_ns - last.time_ns) * NS <= SILENCE_S
+        return bool(self._fixes) and (time_ns - self._fixes[-1].time_ns) * NS <= SILENCE_S
 
     def add(self, fix: PositionFix) -> bool:
         """Add a rejected fix; return whether the estimate has to restart with it.
 
         A fix that disagrees with the first or the last one replaces them all; a fix not newer than the last is ignored.
         """
-        first, last = self._first, self._last
-        if first is None or last is None:
-            first, self._count = fix, 0
-        elif fix.time_ns <= last.time_ns:
+        fixes = self._fixes
+        if fixes and fix.time_ns <= fixes[-1].time_ns:
             return False
-        elif not all(follows(before, fix, self._fastest_mps) for before in (last, first)):
-            first, self._count = fix, 0
-        self._first, self._last = first, fix
-        self._count += 1
-        return self._count >= AGREEING_FIXES and (fix.time_ns - first.time_ns) * NS >= AGREEING_SPAN_S
+        if not all(follows(before, fix, self._fastest_mps) for before in (*fixes[-1:], *fixes[:1])):
+            fixes.clear()
+        fixes.append(fix)
+        return len(fixes) >= AGREEING_FIXES and (fix.time_ns - fixes[0].time_ns) * NS >= AGREEING_SPAN_S
 
     def clear(self) -> None:
         """Forget all rejected fixes, because a fix was accepted."""
-        self._first = self._last = None
-        self._count = 0
+        self._fixes.clear()
 
 
 def slow_mps(speed_sd_mps: float) -> float:
@@ -165,8 +159,9 @@ class Standstill:
         self._slow = False
         self._since_ns: int | None = None
 
-    def notice(self, fix: PositionFix, speed_sd_mps: float, expected_mps: float) -> None:
+    def notice(self, fix: PositionFix, expected_mps: float) -> None:
         """Judge again with the next fix, for which the estimate expects a speed (m/s)."""
+        speed_sd_mps = deviations(fix).speed_mps
         was_slow, self._slow = self._slow, fix.speed_mps <= slow_mps(speed_sd_mps)
         self._speeds_mps.append(fix.speed_mps)
         if self.stands:

@@ -16,6 +16,7 @@ because calling a matrix library takes longer than the computation itself.
 from __future__ import annotations
 
 import math
+from itertools import combinations_with_replacement
 from typing import Final, NamedTuple
 
 from das.domain.vehicle import Vehicle
@@ -80,6 +81,13 @@ class Track(NamedTuple):
         return g * g * self.vv + 2.0 * g * v * self.vg + v * v * self.gg
 
 
+_UPPER: Final = tuple((n, i, j) for n, (i, j) in enumerate(combinations_with_replacement(range(6), 2), start=6))
+"""Fields of a `Track` that hold the covariance, each with its row and column; they follow the means of the six states.
+"""
+_MOVING: Final = tuple(name for name in Track._fields if set(name) & set("vac"))
+"""Fields of a `Track` that are 0 while the train stands: speed, acceleration and the error of the speed."""
+
+
 def begin(
     s_m: float,
     position_sd_m: float,
@@ -90,15 +98,9 @@ def begin(
 ) -> Track:
     """The state after a first fix: its position error is attributed to b, and none of its speed error to c."""
     var = position_sd_m**2
-    return Track(
-        s=s_m, v=v_mps, a=0.0, b=0.0, c=0.0, g=1.0,
-        ss=var, sv=0.0, sa=0.0, sb=-var, sc=0.0, sg=0.0,
-        vv=speed_sd_mps**2, va=0.0, vb=0.0, vc=0.0, vg=0.0,
-        aa=acceleration_sd_mps2**2, ab=0.0, ac=0.0, ag=0.0,
-        bb=var, bc=0.0, bg=0.0,
-        cc=0.0, cg=0.0,
-        gg=scale_sd**2,
-    )  # fmt: skip
+    x = Track(*[0.0] * len(Track._fields))
+    errors = {"ss": var, "sb": -var, "bb": var, "vv": speed_sd_mps**2, "aa": acceleration_sd_mps2**2, "gg": scale_sd**2}
+    return x._replace(s=s_m, v=v_mps, g=1.0, **errors)
 
 
 def predict(
@@ -146,12 +148,6 @@ def predict(
     )
 
 
-def stand(x: Track, dt: float, wander_sd_m: float) -> Track:
-    """The state of a standing train `dt` seconds later: only the receiver's position error has wandered."""
-    moving = ("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "vg", "aa", "ab", "ac", "ag", "bc", "cc", "cg")
-    return predict(x._replace(**dict.fromkeys(moving, 0.0)), dt, 0.0, wander_sd_m, 0.0, math.sqrt(x.gg))
-
-
 def position_variance(x: Track) -> float:
     """The variance of s + b (m²), without the fresh noise of a fix."""
     return x.ss + 2.0 * x.sb + x.bb
@@ -176,39 +172,11 @@ def with_speed(x: Track, speed_mps: float, variance_m2ps2: float) -> Track:
 
 def _corrected(x: Track, column: tuple[float, ...], innovation: float, variance: float) -> Track:
     """The state x ← x + k·y/S and P ← P − k·kᵀ/S, with the column k = P·Hᵀ, the innovation y and its variance S."""
-    s, v, a, b, c, g = column
-    gain_s, gain_v, gain_a = s / variance, v / variance, a / variance
-    gain_b, gain_c, gain_g = b / variance, c / variance, g / variance
-    speed = x.v + gain_v * innovation
-    return Track(
-        s=x.s + gain_s * innovation,
-        v=speed if speed > 0 else 0.0,
-        a=x.a + gain_a * innovation,
-        b=x.b + gain_b * innovation,
-        c=x.c + gain_c * innovation,
-        g=x.g + gain_g * innovation,
-        ss=x.ss - gain_s * s,
-        sv=x.sv - gain_s * v,
-        sa=x.sa - gain_s * a,
-        sb=x.sb - gain_s * b,
-        sc=x.sc - gain_s * c,
-        sg=x.sg - gain_s * g,
-        vv=x.vv - gain_v * v,
-        va=x.va - gain_v * a,
-        vb=x.vb - gain_v * b,
-        vc=x.vc - gain_v * c,
-        vg=x.vg - gain_v * g,
-        aa=x.aa - gain_a * a,
-        ab=x.ab - gain_a * b,
-        ac=x.ac - gain_a * c,
-        ag=x.ag - gain_a * g,
-        bb=x.bb - gain_b * b,
-        bc=x.bc - gain_b * c,
-        bg=x.bg - gain_b * g,
-        cc=x.cc - gain_c * c,
-        cg=x.cg - gain_c * g,
-        gg=x.gg - gain_g * g,
-    )
+    gain = [entry / variance for entry in column]
+    mean = [x[i] + gain[i] * innovation for i in range(len(gain))]
+    covariance = [x[n] - gain[i] * column[j] for n, i, j in _UPPER]
+    found = Track(*mean, *covariance)
+    return found if found.v > 0 else found._replace(v=0.0)
 
 
 class TrainMotion:
@@ -252,9 +220,10 @@ class TrainMotion:
         return predict(x, span_s, self.jerk_psd_m2ps5, wander_sd_m, speed_wander_sd_mps, SPEED_SCALE_SD)
 
     def stand(self, x: Track, fix: PositionFix, span_s: float) -> Track:
-        """The state of a standing train at a fix, which does not change the train's position."""
+        """The state of a standing train at a fix: only the error of the receiver's position has wandered."""
         wander_sd_m = self._wander_sd_m = self._wandering_sd_m(fix)
-        return stand(x, span_s, wander_sd_m)
+        x = x._replace(**dict.fromkeys(_MOVING, 0.0))
+        return predict(x, span_s, 0.0, wander_sd_m, 0.0, math.sqrt(x.gg))
 
     def set_off(self, x: Track, fix: PositionFix, span_s: float) -> Track:
         """The state expected at a fix of a train that has set off since the last fix."""

@@ -29,8 +29,6 @@ LARGEST_TIME_S = 1e10
 TOLERANCE_S = 30.0
 """Default tolerance (s) of a passing that is a wish: timetables are rounded to minutes."""
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d)(?::([0-5]\d(?:\.\d+)?))?")
-_PLACE = {"position": "length"}
-_SPEEDS = {"lowest_speed": "speed", "highest_speed": "speed"}
 
 
 class Held(StrEnum):
@@ -270,7 +268,7 @@ def _call(fields: Fields, route: Route | None) -> Call:
 
 def _passing(fields: Fields, route: Route | None) -> Passing:
     times = _time_keys(fields, "earliest", "latest", "time")
-    own = ["wish", *fields.quantity_keys({**_SPEEDS, "tolerance": "time"})]
+    own = ["wish", *fields.quantity_keys({"lowest_speed": "speed", "highest_speed": "speed", "tolerance": "time"})]
     fields.check_keys([*_place_keys(fields), *times, *own])
     name, position_m = _place(fields, route)
     wish = fields.flag("wish", False)
@@ -299,7 +297,7 @@ def _passing_window(fields: Fields) -> Window:
 
 
 def _place_keys(fields: Fields) -> list[str]:
-    return ["stop", "name", *fields.quantity_keys(_PLACE)]
+    return ["stop", "name", *fields.quantity_keys({"position": "length"})]
 
 
 def _place(fields: Fields, route: Route | None) -> tuple[str, float]:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from das.domain.effort import EffortEnvelope
 from das.domain.losses import EfficiencyLoss, LossMap
 from das.domain.route import NEUTRAL
 from das.offline.bound_kernels import (
@@ -36,6 +37,7 @@ from das.solver.kernels.tuples import CURVE_STEPS_PER_MPS, NO_LIMIT_N, TrainPara
 from das.solver.line_profile import LineProfile
 from das.solver.section import Section
 from das.solver.solution import Solution
+from das.solver.state import State
 
 Floats = NDArray[np.float64]
 
@@ -103,15 +105,15 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
     train, step = section.train, line.step_m
     scale_n = max(train.traction_force_n, 1.0)
     high_w = task.high_w
-    resistance = _Resistance.of(task, high_w)
+    resistance = _resistance(task)
     traction_n, electric_n = force_limits(task)
     traction = _power_cut(task, max(train.traction_power_w, LEAST_POWER_W), resistance.highest_n)
     electric = _power_cut(task, max(train.electric_power_w, LEAST_POWER_W), -resistance.lowest_n)
     if train.has_curves:
         traction = _tighter(task, traction, _curve_cut(task, train.curves_n[TRACTION]))
         electric = _tighter(task, electric, _curve_cut(task, train.curves_n[ELECTRIC]))
-    low_w, free = np.zeros_like(high_w), np.ones(len(high_w), np.bool_)
-    low_w[[0, -1]], free[[0, -1]] = high_w[[0, -1]], False
+    free = np.ones(len(high_w), np.bool_)
+    free[[0, -1]] = False
     adhesive = train.adhesive_force_n
     motion = RelaxedMotion(
         step_m=np.ascontiguousarray(step),
@@ -130,15 +132,14 @@ def relaxation(task: Task, planes: Planes) -> tuple[Program, float]:
         electric_offset=electric.offset / scale_n,
         adhesive_force=adhesive * (1.0 + ROUNDING_RATIO) / scale_n if adhesive < NO_LIMIT_N else -1.0,
     )
-    box = Box(low_w, high_w, free, task.low_tau, task.high_tau)
+    box = Box(high_w, free, task.low_tau, task.high_tau)
     slowness = planes.slowness if task.price_w is None else planes.slowness + task.price_w[:, None]
     planes = Planes(planes.force, slowness / scale_n, planes.speed / scale_n, planes.constant / scale_n)
     program = Program(motion, efforts, box, planes, float(task.allowed_s))
     return program, scale_n
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Resistance:
+class _Resistance(NamedTuple):
     """Resistance over an interval: at least constant_n + linear/τ + quadratic·(w0 + w1), in N.
 
     If the linear part is negative (a tail wind), the mean speed is bounded from above by a tangent of the square root;
@@ -151,24 +152,22 @@ class _Resistance:
     highest_n: Floats
     lowest_n: Floats
 
-    @classmethod
-    def of(cls, task: Task, high_w: Floats) -> _Resistance:
-        train, line = task.section.train, task.line
-        constant = train.c0_n + line.constant_n
-        quadratic = train.c2_n_per_mps2 + line.tunnel_n_per_mps2
-        linear = np.full_like(constant, train.c1_n_per_mps)
-        fastest = np.sqrt(2.0 * np.maximum(high_w[:-1], high_w[1:]))
-        highest = constant + np.maximum(linear, 0.0) * fastest + quadratic * (high_w[:-1] + high_w[1:])
-        lowest = constant + np.minimum(linear, 0.0) * fastest
-        at_mps = np.maximum(0.5 * (task.speeds_mps[:-1] + task.speeds_mps[1:]), tol.CREEP_MPS)
-        pushed = np.minimum(linear, 0.0)
-        return cls(
-            constant_n=constant + 0.5 * pushed * at_mps,
-            linear=np.maximum(linear, 0.0),
-            quadratic=quadratic + 0.5 * pushed / at_mps,
-            highest_n=highest,
-            lowest_n=lowest,
-        )
+
+def _resistance(task: Task) -> _Resistance:
+    train, line, high_w = task.section.train, task.line, task.high_w
+    constant = train.c0_n + line.constant_n
+    quadratic = train.c2_n_per_mps2 + line.tunnel_n_per_mps2
+    linear = np.full_like(constant, max(train.c1_n_per_mps, 0.0))
+    pushed = min(train.c1_n_per_mps, 0.0)
+    fastest = np.sqrt(2.0 * np.maximum(high_w[:-1], high_w[1:]))
+    at_mps = np.maximum(0.5 * (task.speeds_mps[:-1] + task.speeds_mps[1:]), tol.CREEP_MPS)
+    return _Resistance(
+        constant_n=constant + 0.5 * pushed * at_mps,
+        linear=linear,
+        quadratic=quadratic + 0.5 * pushed / at_mps,
+        highest_n=constant + linear * fastest + quadratic * (high_w[:-1] + high_w[1:]),
+        lowest_n=constant + pushed * fastest,
+    )
 
 
 def force_limits(task: Task) -> tuple[Floats, Floats]:
@@ -297,20 +296,12 @@ class MapPlanes:
 
     def near(self, forces_n: Floats, state: MeanSpeeds, lambda_w: float) -> Planes:
         """Planes near the forces (n, planes) at a mean speed of each interval and a price of time (W)."""
-        found = np.empty((*forces_n.shape, 4))
-        loss_planes(
-            np.ascontiguousarray(forces_n), state, lambda_w, (self.task.low_tau, self.task.high_tau), self._rows, found
-        )
+        ends_tau = self.task.low_tau, self.task.high_tau
+        found: Planes = loss_planes(np.ascontiguousarray(forces_n), state, lambda_w, ends_tau, self._rows)
         share = np.clip(self.task.line.supply, 0.0, 1.0)
         if (share < 1.0).any():
-            found = np.concatenate((found, share[:, None, None] * found), axis=1)
-        return Planes(*(np.ascontiguousarray(found[:, :, i]) for i in range(4)))
-
-
-def _most_n(force_n: float, power_w: float, speed_mps: Floats) -> Floats:
-    """The largest forces (N) at speeds, within a force and a power; at standstill the force alone."""
-    by_power_n = np.divide(power_w, speed_mps, out=np.full_like(speed_mps, np.inf), where=speed_mps > 0.0)
-    return np.asarray(np.minimum(force_n, by_power_n))
+            found = Planes(*(np.concatenate((plane, share[:, None] * plane), axis=1) for plane in found))
+        return found
 
 
 def map_rows(task: Task, loss: LossMap) -> MapRows:
@@ -322,8 +313,8 @@ def map_rows(task: Task, loss: LossMap) -> MapRows:
     slower = loss.speed_mps[: size - 1]
     psi = loss.force_n + loss.filled_w[1:size] / speed[:, None]
     # A force between two speeds is at most the limit at the slower one; the next force of the map is beyond it.
-    most = _most_n(train.traction_force_n, train.traction_power_w, slower)
-    least = _most_n(train.electric_force_n, train.electric_power_w, slower)
+    most = EffortEnvelope(max_force_n=train.traction_force_n, max_power_w=train.traction_power_w).force_n(slower)
+    least = EffortEnvelope(max_force_n=train.electric_force_n, max_power_w=train.electric_power_w).force_n(slower)
     allowed = 1.0 + LIMIT_SLACK
     last = np.minimum(np.searchsorted(loss.force_n, allowed * most + LEAST_FORCE_N), len(loss.force_n) - 1)
     first = np.maximum(np.searchsorted(loss.force_n, -allowed * least - LEAST_FORCE_N, side="right") - 1, 0)
@@ -417,7 +408,7 @@ def proven(task: Task, planes: Planes, lambda_w: float) -> ProvenBound:
     program, scale_n = relaxation(task, planes)
     run = first_run(program, task.speeds_mps)
     multipliers = first_multipliers(program, lambda_w / scale_n)
-    bound, price, _ = best_bound(run, multipliers, program, MOST_STEPS, ENOUGH_RATIO)
+    bound, price = best_bound(run, multipliers, program, MOST_STEPS, ENOUGH_RATIO)
     slack = TERMS_RATIO * (abs(bound) + price * program.allowed_s)
     in_newton = RelaxedRun(run.w, run.local * np.array([1.0, scale_n, scale_n]))
     return ProvenBound((bound - slack) * scale_n, price * scale_n, in_newton)
@@ -504,17 +495,18 @@ def certificate(solution: Solution) -> Certificate:
         reason = "the run begins above the braking envelope"
     elif not solution.feasible:
         reason = "the run does not keep the limits or the speed at the end"
-    elif (is_ahead := fastest_is_ahead(task)) and math.isinf(solution.lambda_w):
+    elif math.isinf(solution.lambda_w) and fastest_is_ahead(task):
         bound_j = solution.balance.input
     else:
-        task, price_w = behind_fastest(task) if is_ahead else task, min(solution.lambda_w, LARGEST_PRICE_W)
-        bound_j = bound_of(task, solution.trajectory.force_el_n, price_w)
+        bound_j = bound_of(task, solution.trajectory.force_el_n, min(solution.lambda_w, LARGEST_PRICE_W))
         reason = "" if math.isfinite(bound_j) else NOT_FOUND
     return Certificate(bound_j=math.nan if reason else bound_j, allowed_s=allowed_s, reason=reason)
 
 
 def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
     """The bound of a task (J), near a run whose motors give `force_n` and about the price of time `lambda_w`."""
+    if fastest_is_ahead(task):
+        task = behind_fastest(task)
     loss = task.section.loss
     if isinstance(loss, LossMap):
         return proven_for_map(task, loss, force_n, lambda_w).bound_j
@@ -524,14 +516,6 @@ def bound_of(task: Task, force_n: Floats, lambda_w: float) -> float:
 def task_of(solution: Solution, allowed_s: float) -> Task:
     """The task of bounding a solution: every run from its state that takes at most `allowed_s`."""
     run, section = solution.trajectory, solution.section
-    line = LineProfile(
-        node_m=run.s_m,
-        step_m=np.diff(run.s_m),
-        grade_ratio=run.grade_ratio,
-        constant_n=run.grade_and_curve_n,
-        tunnel_n_per_mps2=run.tunnel_n_per_mps2,
-        limit_mps=run.limit_mps,
-        supply=run.supply,
-    )
+    line = State.at(section, float(run.s_m[0]), float(run.v_mps[0]))
     envelope = section.envelope_mps[-len(run.v_mps) :]
     return Task(section=section, line=line, envelope_mps=envelope, speeds_mps=run.v_mps, allowed_s=allowed_s)

@@ -128,15 +128,16 @@ def plane_constant(a_b_d, least_n, rows, ends_tau, enough):
 
 
 @kernel
-def loss_planes(force_at, state, price_w, ends_tau, rows, out):
-    """Fill planes (a, b, d/2, c) of every interval near the forces `force_at` (n, planes) at the speeds of `state`.
+def loss_planes(force_at, state, price_w, ends_tau, rows):
+    """Planes below the energy of every interval, near the forces `force_at` (n, planes) and the speeds of `state`.
 
     A plane's slope in the force is that of the map, its slope in the slowness that of one of several secants; a share
     of the latter and of the price of time is shifted to the kinetic energy. Of all these planes, which are valid for
     slownesses between `ends_tau` (two arrays, n), the highest at the state is taken.
     """
     low_tau, high_tau = ends_tau
-    size = rows.tau.size
+    size, shape = rows.tau.size, force_at.shape
+    out = Planes(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
     least_n = np.empty(size)
     for k in range(force_at.shape[0]):
         tau, both_w = state.tau[k], state.both_w[k]
@@ -160,7 +161,8 @@ def loss_planes(force_at, state, price_w, ends_tau, rows, out):
                     c = plane_constant((a, b, d), least_n, rows, (low_tau[k], high_tau[k]), best - rest)
                     if rest + c > best:
                         best = rest + c
-                        out[k, p, 0], out[k, p, 1], out[k, p, 2], out[k, p, 3] = a, b, 0.5 * d, c
+                        out.force[k, p], out.slowness[k, p], out.speed[k, p], out.constant[k, p] = a, b, 0.5 * d, c
+    return out
 
 
 class RelaxedMotion(NamedTuple):
@@ -194,9 +196,11 @@ class RelaxedEfforts(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` marks the speeds that are variables."""
+    """Bounds of v²/2 at the nodes (n + 1,) and of the slowness (n,); `free` marks the speeds that are variables.
 
-    low_w: Floats
+    A free v²/2 lies between 0 and `high_w`; a fixed one is `high_w`.
+    """
+
     high_w: Floats
     free: NDArray[np.bool_]
     low_tau: Floats
@@ -223,7 +227,7 @@ class Program(NamedTuple):
 
 
 class RelaxedRun(NamedTuple):
-    """Values of all variables: w (n + 1,), and local (n, 3) with τ, f and e of each interval."""
+    """Values (or changes) of all variables: w (n + 1,), and local (n, 3) with τ, f and e of each interval."""
 
     w: Floats
     local: Floats
@@ -276,7 +280,7 @@ def constraints(k, z, free0, free1, program: Program, c, slope):
     if free1:
         c[8] = w1 - program.box.high_w[k + 1]
         slope[8, 1] = 1.0
-        c[9] = program.box.low_w[k + 1] - w1
+        c[9] = -w1
         slope[9, 1] = -1.0
     planes = program.planes
     for i in range(planes.force.shape[1]):
@@ -373,7 +377,7 @@ def proven_bound(run: RelaxedRun, multipliers: Multipliers, program: Program):
         )
     for k in range(n + 1):
         if program.box.free[k]:
-            total += _least_between(gradient[k], program.box.low_w[k] - run.w[k], program.box.high_w[k] - run.w[k])
+            total += _least_between(gradient[k], -run.w[k], program.box.high_w[k] - run.w[k])
     return total
 
 
@@ -403,7 +407,10 @@ _FEASIBLE = 1e-5
 
 
 class Iterate(NamedTuple):
-    """A point with the slacks and multipliers of its constraints (n, rows), and those of the trip time (1,)."""
+    """A point with the slacks and multipliers of its constraints (n, rows), and those of the trip time (1,).
+
+    A step from one point to the next has the same form: it holds the changes.
+    """
 
     run: RelaxedRun
     multipliers: Multipliers
@@ -411,43 +418,21 @@ class Iterate(NamedTuple):
     spare_s: Floats
 
 
-class Direction(NamedTuple):
-    """Changes of all arrays of an `Iterate`."""
-
-    w: Floats
-    local: Floats
-    rows: Floats
-    slack: Floats
-    price: Floats
-    spare_s: Floats
-
-
-class TimeColumn(NamedTuple):
-    """The Newton system solved with the row of the trip time as right-hand side, which makes that dense row cheap."""
-
-    w: Floats
-    local: Floats
-
-
 @kernel
 def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most_steps, enough):
-    """Improve a point and its multipliers by Newton steps; returns the best bound, its price of time, and the steps.
+    """Improve a point and its multipliers by Newton steps; returns the best bound and its price of time.
 
     The first point need not satisfy the constraints. The search stops when the bound is within `enough` (a ratio) of
     the energy of a point that satisfies them, when it no longer improves, or after `most_steps`.
     """
     n, m = multipliers.rows.shape
-    newton = empty_newton(n, m)
-    evaluate(run, multipliers.rows, program, newton)
+    newton = evaluate(run, multipliers.rows, program)
     now = Iterate(run, multipliers, np.empty((n, m)), np.empty(1))
     _set_slacks(now, program, newton)
-    change = Direction(np.zeros(n + 1), np.zeros((n, 3)), np.zeros((n, m)), np.zeros((n, m)), np.zeros(1), np.zeros(1))
-    column = TimeColumn(np.empty(n + 1), np.empty((n, 3)))
     best, best_price, idle = -np.inf, multipliers.time[0], 0
-    for step in range(most_steps):
-        _find_direction(now, program, newton, column, change)
-        _advance(now, program, change)
-        evaluate(run, multipliers.rows, program, newton)
+    for _ in range(most_steps):
+        _advance(now, program, _direction(now, program, newton))
+        newton = evaluate(run, multipliers.rows, program)
         energy, size, worst = _quality(now, program, newton)
         found = proven_bound(run, multipliers, program)
         idle = 0 if found > best + 0.1 * enough * size or not found <= energy else idle + 1
@@ -456,8 +441,13 @@ def best_bound(run: RelaxedRun, multipliers: Multipliers, program: Program, most
         near = energy - best
         is_found = near <= enough * size and worst < _FEASIBLE
         if is_found or (near <= _USEFUL * size and idle >= _PATIENCE) or not math.isfinite(energy):
-            return best, best_price, step + 1
-    return best, best_price, most_steps
+            break
+    return best, best_price
+
+
+@kernel
+def _no_run(n):
+    return RelaxedRun(np.zeros(n + 1), np.zeros((n, 3)))
 
 
 @kernel
@@ -492,31 +482,31 @@ def _complementarity(now):
 
 
 @kernel
-def _find_direction(now, program, newton, column, change):
-    """Find the step: the predictor aims at slack · multiplier = 0; its possible length sets the corrector's target."""
+def _direction(now, program, newton):
+    """The step: the predictor aims at slack · multiplier = 0; its possible length sets the corrector's target."""
     n, m = now.slack.shape
     theta = np.empty((n, m))
     for k in range(n):
         for i in range(m):
             theta[k, i] = now.multipliers.rows[k, i] / now.slack[k, i]
     factor(theta, newton, program.box.free)
-    in_w, in_local = np.zeros(n + 1), np.zeros((n, 3))
-    put(program.motion.step_m, in_local[:, 0])
-    solve(newton, program.box.free, in_w, in_local, column.w, column.local)
+    # Solved with the row of the trip time as right-hand side, the Newton system makes that dense row cheap.
+    right, column = _no_run(n), _no_run(n)
+    put(program.motion.step_m, right.local[:, 0])
+    solve(newton, program.box.free, right, column)
     total = _complementarity(now)
-    change.rows[:] = 0.0
-    change.slack[:] = 0.0
-    change.price[0] = 0.0
-    change.spare_s[0] = 0.0
+    change = Iterate(_no_run(n), Multipliers(np.zeros((n, m)), np.zeros(1)), np.zeros((n, m)), np.zeros(1))
     _newton_step(now, program, newton, column, 0.0, change)
     primal, dual = _longest_steps(now, change)
-    after = (now.multipliers.time[0] + dual * change.price[0]) * (now.spare_s[0] + primal * change.spare_s[0])
+    price = now.multipliers.time[0] + dual * change.multipliers.time[0]
+    after = price * (now.spare_s[0] + primal * change.spare_s[0])
     for k in range(n):
         for i in range(m):
-            y = now.multipliers.rows[k, i] + dual * change.rows[k, i]
+            y = now.multipliers.rows[k, i] + dual * change.multipliers.rows[k, i]
             after += y * (now.slack[k, i] + primal * change.slack[k, i])
     centre = total / (n * m + 1) * min(max(after / total, 0.0), 1.0) ** 3
     _newton_step(now, program, newton, column, centre, change)
+    return change
 
 
 @kernel
@@ -527,48 +517,48 @@ def _newton_step(now, program, newton, column, centre, change):
     """
     n, m = now.slack.shape
     y, slack, price, spare_s = now.multipliers.rows, now.slack, now.multipliers.time[0], now.spare_s[0]
+    moves, (turns, change_price) = change.run, change.multipliers
     weights = np.empty((n, m))
     for k in range(n):
         for i in range(m):
-            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * change.rows[k, i]
+            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * turns[k, i]
             weights[k, i] = y[k, i] + (y[k, i] * (newton.value[k, i] + slack[k, i]) - miss) / slack[k, i]
     over_s = _time(program, now.run.local) + spare_s - program.allowed_s
-    time_miss = spare_s * price - centre + change.spare_s[0] * change.price[0]
-    in_w, in_local = np.empty(n + 1), np.empty((n, 3))
-    _right_side(weights, program, newton, price + (price * over_s - time_miss) / spare_s, in_w, in_local)
-    solve(newton, program.box.free, in_w, in_local, change.w, change.local)
+    time_miss = spare_s * price - centre + change.spare_s[0] * change_price[0]
+    right = _right_side(weights, program, newton, price + (price * over_s - time_miss) / spare_s)
+    solve(newton, program.box.free, right, moves)
     ratio = price / spare_s
-    share = ratio * _time(program, change.local) / (1.0 + ratio * _time(program, column.local))
-    add(-share, column.w, change.w)
+    share = ratio * _time(program, moves.local) / (1.0 + ratio * _time(program, column.local))
+    add(-share, column.w, moves.w)
     for k in range(n):
-        add(-share, column.local[k], change.local[k])
-    change.spare_s[0] = -over_s - _time(program, change.local)
-    change.price[0] = (-time_miss - price * change.spare_s[0]) / spare_s
+        add(-share, column.local[k], moves.local[k])
+    change.spare_s[0] = -over_s - _time(program, moves.local)
+    change_price[0] = (-time_miss - price * change.spare_s[0]) / spare_s
     for k in range(n):
         for i in range(m):
-            moved = newton.slope[k, i, 0] * change.w[k] + newton.slope[k, i, 1] * change.w[k + 1]
+            moved = newton.slope[k, i, 0] * moves.w[k] + newton.slope[k, i, 1] * moves.w[k + 1]
             for j in range(3):
-                moved += newton.slope[k, i, 2 + j] * change.local[k, j]
-            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * change.rows[k, i]
+                moved += newton.slope[k, i, 2 + j] * moves.local[k, j]
+            miss = slack[k, i] * y[k, i] - centre + change.slack[k, i] * turns[k, i]
             change.slack[k, i] = -(newton.value[k, i] + slack[k, i]) - moved
-            change.rows[k, i] = (-miss - y[k, i] * change.slack[k, i]) / slack[k, i]
+            turns[k, i] = (-miss - y[k, i] * change.slack[k, i]) / slack[k, i]
 
 
 @kernel
-def _right_side(weights, program, newton, price, in_w, in_local):
+def _right_side(weights, program, newton, price):
     """−(slope of the energy) − (slopes of the constraints)·weights, with the time's weight `price`."""
-    in_w[:] = 0.0
+    right = _no_run(weights.shape[0])
     for k in range(weights.shape[0]):
         h = program.motion.step_m[k]
-        in_local[k, 0] = -h * price
-        in_local[k, 1] = 0.0
-        in_local[k, 2] = -h
+        right.local[k, 0] = -h * price
+        right.local[k, 2] = -h
         for i in range(weights.shape[1]):
             y = weights[k, i]
-            in_w[k] -= y * newton.slope[k, i, 0]
-            in_w[k + 1] -= y * newton.slope[k, i, 1]
+            right.w[k] -= y * newton.slope[k, i, 0]
+            right.w[k + 1] -= y * newton.slope[k, i, 1]
             for j in range(3):
-                in_local[k, j] -= y * newton.slope[k, i, 2 + j]
+                right.local[k, j] -= y * newton.slope[k, i, 2 + j]
+    return right
 
 
 @kernel
@@ -577,14 +567,14 @@ def _longest_steps(now, change):
     primal, dual = 1.0, 1.0
     if change.spare_s[0] < 0.0:
         primal = min(primal, -now.spare_s[0] / change.spare_s[0])
-    if change.price[0] < 0.0:
-        dual = min(dual, -now.multipliers.time[0] / change.price[0])
+    if change.multipliers.time[0] < 0.0:
+        dual = min(dual, -now.multipliers.time[0] / change.multipliers.time[0])
     for k in range(now.slack.shape[0]):
         for i in range(now.slack.shape[1]):
             if change.slack[k, i] < 0.0:
                 primal = min(primal, -now.slack[k, i] / change.slack[k, i])
-            if change.rows[k, i] < 0.0:
-                dual = min(dual, -now.multipliers.rows[k, i] / change.rows[k, i])
+            if change.multipliers.rows[k, i] < 0.0:
+                dual = min(dual, -now.multipliers.rows[k, i] / change.multipliers.rows[k, i])
     return primal, dual
 
 
@@ -593,18 +583,18 @@ def _advance(now, program, change):
     """Take the step, shortened so that speeds and slownesses stay positive."""
     primal, dual = _longest_steps(now, change)
     for k in range(now.slack.shape[0]):
-        if change.local[k, 0] < 0.0:
-            primal = min(primal, -0.9 * now.run.local[k, 0] / change.local[k, 0])
-        if change.w[k] < 0.0 and program.box.free[k]:
-            primal = min(primal, -0.9 * now.run.w[k] / change.w[k])
+        if change.run.local[k, 0] < 0.0:
+            primal = min(primal, -0.9 * now.run.local[k, 0] / change.run.local[k, 0])
+        if change.run.w[k] < 0.0 and program.box.free[k]:
+            primal = min(primal, -0.9 * now.run.w[k] / change.run.w[k])
     primal, dual = min(1.0, _TO_BOUNDARY * primal), min(1.0, _TO_BOUNDARY * dual)
-    add(primal, change.w, now.run.w)
+    add(primal, change.run.w, now.run.w)
     for k in range(now.slack.shape[0]):
-        add(primal, change.local[k], now.run.local[k])
+        add(primal, change.run.local[k], now.run.local[k])
         add(primal, change.slack[k], now.slack[k])
-        add(dual, change.rows[k], now.multipliers.rows[k])
+        add(dual, change.multipliers.rows[k], now.multipliers.rows[k])
     now.spare_s[0] += primal * change.spare_s[0]
-    now.multipliers.time[0] += dual * change.price[0]
+    now.multipliers.time[0] += dual * change.multipliers.time[0]
 
 
 @kernel
@@ -642,28 +632,25 @@ class Newton(NamedTuple):
 
 
 @kernel
-def empty_newton(n, rows):
-    """Arrays for a program of n intervals with this number of constraints each."""
-    return Newton(
-        np.empty((n, rows)),
-        np.empty((n, rows, LOCAL)),
+def evaluate(run: RelaxedRun, rows, program: Program):
+    """Constraints, slopes and curvature of every interval at a point, with room for the factors of the system."""
+    n, m = rows.shape
+    newton = Newton(
+        np.empty((n, m)),
+        np.empty((n, m, LOCAL)),
         np.empty((n, LOCAL, LOCAL)),
         np.zeros((n, 3, 3)),
         np.empty((n, 2, 3)),
         np.empty(n + 1),
         np.empty(n),
     )
-
-
-@kernel
-def evaluate(run: RelaxedRun, rows, program: Program, newton):
-    """Constraints, slopes and curvature of every interval at a point."""
     z = np.empty(LOCAL)
-    for k in range(program.motion.step_m.size):
+    for k in range(n):
         local_values(k, run, z)
         free0, free1 = program.box.free[k], program.box.free[k + 1]
         constraints(k, z, free0, free1, program, newton.value[k], newton.slope[k])
         curvature(k, z, free0, free1, rows[k], program, newton.curvature[k])
+    return newton
 
 
 @kernel
@@ -731,8 +718,9 @@ def _eliminate(matrix, low, cross):
 
 
 @kernel
-def solve(newton, free, in_w, in_local, out_w, out_local):
-    """Solve the factored system for one right-hand side: `in_w` is its part for the nodes, `in_local` for intervals."""
+def solve(newton, free, right, found):
+    """Solve the factored system for one right-hand side; both it and the solution are in the form of a run."""
+    (in_w, in_local), (out_w, out_local) = right, found
     n = in_local.shape[0]
     put(in_w, out_w)
     for k in range(n):

@@ -151,9 +151,7 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
         raise _speed_error(section, passing, *possible)
     envelope, floor = section.envelope_mps.copy(), section.floor_mps.copy()
     if highest < envelope[node]:
-        before = slice(None, node)
-        line = LineArrays(*(array[before] for array in section.for_kernels))
-        limit = section.limit_mps[before]
+        line, limit = _line_before(section, node), section.limit_mps[:node]
         envelope[: node + 1], stuck = braking_envelope(line, limit, highest, section.train, FULL_BRAKES)
         if stuck >= 0:
             raise InfeasibleError(
@@ -168,12 +166,14 @@ def _bounded(section: Section, node: int, passing: Passing) -> Section:
 
 def _run_up(section: Section, node: int, least_mps: float) -> Floats:
     """The slowest speeds on the way to an integration node with which the train still reaches it at `least_mps`."""
-    before = slice(None, node)
     envelope = section.envelope_mps[: node + 1].copy()
     envelope[-1] = least_mps
-    line = LineArrays(*(array[before] for array in section.for_kernels))
-    run_up: Floats = climbing_floor(line, envelope, 0.0, section.train)
+    run_up: Floats = climbing_floor(_line_before(section, node), envelope, 0.0, section.train)
     return np.maximum(run_up, section.floor_mps[: node + 1])
+
+
+def _line_before(section: Section, node: int) -> LineArrays:
+    return LineArrays(*(array[:node] for array in section.for_kernels))
 
 
 def _speed_error(section: Section, passing: Passing, lowest_mps: float, highest_mps: float) -> InfeasibleError:
@@ -201,14 +201,6 @@ class WaitLink:
     """A link in which the train stands between two events, for at least this time (s)."""
 
     least_s: float
-
-
-@dataclass(frozen=True)
-class DriveLink:
-    """A link in which the train runs between two events, from a place of a section to the next place."""
-
-    section: int
-    place: int
 
 
 @dataclass(frozen=True)
@@ -243,47 +235,45 @@ class TightSpan:
 class Timeline:
     """All events of a journey in order, with the links between them: `links[i]` from event i to event i + 1.
 
-    The first event is the earliest departure, the last the latest arrival; the train may wait after the first and
-    before the last. `departures[i]` is the event with which section i begins.
+    In a link the train waits, or runs from a place of a section to the next place. The first event is the earliest
+    departure, the last the latest arrival; the train may wait after the first and before the last. Between them, each
+    section has an event for each of its places.
     """
 
     events: tuple[TimelineEvent, ...]
-    links: tuple[WaitLink | DriveLink, ...]
-    departures: tuple[int, ...]
+    links: tuple[WaitLink | Stretch, ...]
 
     @classmethod
     def of(cls, sections: Sequence[JourneySection]) -> Timeline:
         begin_s, end_s = sections[0].start.departure.earliest_s, sections[-1].end.arrival.latest_s
         events = [TimelineEvent(what="the earliest departure", window=Window.at(begin_s))]
-        links: list[WaitLink | DriveLink] = []
-        departures = []
+        links: list[WaitLink | Stretch] = []
         for i, section in enumerate(sections):
             links.append(WaitLink(section.start.dwell_s))
-            departures.append(len(events))
             events.append(TimelineEvent(what=f"departure from {section.start.name}", window=section.start.departure))
             events += [TimelineEvent(what=f"passing {x.name}", window=x.window) for x in section.passings]
             events.append(TimelineEvent(what=f"arrival at {section.end.name}", window=section.end.arrival))
-            links += [DriveLink(i, place) for place in range(len(section.places) - 1)]
+            links += [Stretch(i, place, place + 1) for place in range(len(section.places) - 1)]
         links.append(WaitLink(0.0))
         events.append(TimelineEvent(what="the latest arrival", window=Window.at(end_s)))
-        return cls(events=tuple(events), links=tuple(links), departures=tuple(departures))
+        return cls(events=tuple(events), links=tuple(links))
 
     def is_passing(self, event: int) -> bool:
         """Whether the train is under way at an event."""
-        return all(isinstance(link, DriveLink) for link in self.links[max(event - 1, 0) : event + 1])
+        return all(isinstance(link, Stretch) for link in self.links[max(event - 1, 0) : event + 1])
 
     def span(self, begin: Tight, end: Tight) -> TightSpan:
         """The span between two tight events."""
         links = dict(enumerate(self.links[begin[0] : end[0]], begin[0]))
         waits = {i: link.least_s for i, link in links.items() if isinstance(link, WaitLink)}
-        places: dict[int, list[int]] = {}
+        driven: dict[int, Stretch] = {}
         for link in links.values():
-            if isinstance(link, DriveLink):
-                places.setdefault(link.section, []).append(link.place)
+            if isinstance(link, Stretch):
+                driven[link.section] = Stretch(link.section, driven.get(link.section, link).first, link.last)
         return TightSpan(
             begin=begin,
             end=end,
-            stretches=tuple(Stretch(section, inside[0], inside[-1] + 1) for section, inside in places.items()),
+            stretches=tuple(driven.values()),
             least_wait_s=sum(waits.values()),
             last_wait=max(waits, default=-1),
         )

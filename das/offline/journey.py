@@ -23,14 +23,14 @@ from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.vehicle import Vehicle
 from das.drawing.plotted import PlottedRun, PlottedWindow, plotted_on
 from das.offline.asked_journey import Call, Held, Journey, Passing, clock, held_at
-from das.offline.bound import NOT_FOUND, Certificate, Task, behind_fastest, bound_of, fastest_is_ahead
+from das.offline.bound import NOT_FOUND, Certificate, Task, bound_of
 from das.offline.chains import (
     Chains,
-    DriveLink,
     DrivenStretch,
     JourneySection,
     Solved,
     Split,
+    Stretch,
     Tight,
     Timeline,
     WaitLink,
@@ -100,8 +100,8 @@ class PricedTimeline:
         section = journey_section.whole
         price_w = np.empty(len(section.step_m))
         for link, price in zip(self.timeline.links, self.price_w, strict=True):
-            if isinstance(link, DriveLink) and link.section == index:
-                price_w[journey_section.places[link.place] : journey_section.places[link.place + 1]] = price
+            if isinstance(link, Stretch) and link.section == index:
+                price_w[journey_section.places[link.first] : journey_section.places[link.last]] = price
         wholes = (other.whole for other in self.sections if other is not journey_section)  # none is faster than this:
         others_s = sum(float(one.elapsed_s(one.envelope_mps + tol.SPEED_TOLERANCE_MPS)[-1]) for one in wholes)
         waits_s = sum(link.least_s for link in self.timeline.links if isinstance(link, WaitLink))
@@ -113,8 +113,6 @@ class PricedTimeline:
             allowed_s=self._allowed_s - others_s - waits_s + 2 * tol.TIME_TOLERANCE_S,
             price_w=price_w,
         )
-        if fastest_is_ahead(task):
-            task = behind_fastest(task)
         return bound_of(task, run.force_el_n, 0.0)
 
 
@@ -316,10 +314,8 @@ class JourneyPlanner:
         route, vehicle, level, point_mass = self._on
         kept = replace(wish.passing, window=wish.passing.tolerated, wish=False)
         enforced = [one.passing for one in section.passings if not one.passing.wish]
-        journey = Journey(
-            id=self.journey.id,
-            name=self.journey.name,
-            source=self.journey.source,
+        journey = replace(
+            self.journey,
             points=(
                 replace(section.start, arrival=ANY_TIME, dwell_s=0.0, departure=Window.at(section.departure.time_s)),
                 *sorted((*enforced, kept), key=lambda passing: passing.position_m),
@@ -343,7 +339,7 @@ class JourneyPlanner:
                     reached_s += link.least_s
                 else:
                     least_s = self.sections[link.section].least_s
-                    reached_s += float(least_s[link.place + 1] - least_s[link.place])
+                    reached_s += float(least_s[link.last] - least_s[link.first])
             if reached_s > event.window.latest_s + tol.TIME_TOLERANCE_S:
                 latest = (i, event.window.latest_s)
                 raise self.chains.missed(since, latest, reached_s - event.window.latest_s)
@@ -388,12 +384,12 @@ class JourneyPlanner:
     def _section_plans(self, solved: Sequence[Solved]) -> tuple[SectionPlan, ...]:
         event_s = np.concatenate([span.event_s[:-1] for span in solved] + [solved[-1].event_s[-1:]])
         runs = [(self.chains.fronts.drive(run), span.lambda_w) for span in solved for run in span.runs]
-        plans = []
+        plans, first = [], 1
         for index, section in enumerate(self.sections):
-            first = self.chains.timeline.departures[index]
             windows = [event.window for event in self.chains.timeline.events[first : first + len(section.places)]]
             own = [(run, price_w) for run, price_w in runs if run.stretch.section == index]
             plans.append(_section_plan(section, windows, float(event_s[first]), own))
+            first += len(section.places)
         return tuple(plans)
 
 
@@ -448,12 +444,9 @@ def _joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
     runs = [trajectory for _, trajectory in parts]
 
     def intervals(name: str, standing: float | None) -> Floats:
-        pieces: list[Floats] = []
-        for run in runs:
-            values = getattr(run, name)
-            gap = values[:1] if standing is None else np.array([standing])
-            pieces += [gap, values] if pieces else [values]
-        return np.concatenate(pieces)
+        values = [getattr(run, name) for run in runs]
+        gaps = [run[:1] if standing is None else [standing] for run in values]
+        return np.concatenate([piece for pair in zip(gaps, values, strict=True) for piece in pair][1:])
 
     nodes = {
         "s_m": np.concatenate([run.s_m for run in runs]),

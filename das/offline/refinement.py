@@ -9,14 +9,14 @@ closer lines around that trajectory, and so on. Every pass chooses the price of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from das.offline.tube_kernels import SPECIALS, Tube, TubeMoves, fill_moves, tube_roll_out, tube_sweep
+from das.offline.tube_kernels import Tube, TubeMoves, all_moves, tube_roll_out, tube_sweep
 from das.solver import tolerances as tol
 from das.solver.kernels.driving import run_energy
 from das.solver.kernels.roll_out import blend_runs
@@ -134,12 +134,11 @@ class TubeSearch:
 
     def __init__(self, state: State, wanted_s: float, settings: RefinementSettings = SETTINGS) -> None:
         self.state, self.wanted_s, self.settings = state, wanted_s, settings
-        self._line = state.for_kernels
-        self._loss = state.section.loss_params
+        self._on = (state.for_kernels, state.section.train, state.section.loss_params)
 
     def known(self, speeds_mps: Floats, price_w: float) -> TubeRun:
         """A trajectory by its speeds at the nodes of the state, with its energy and time."""
-        energy_j = run_energy(self._line, self.state.section.train, self._loss, speeds_mps)
+        energy_j = run_energy(*self._on, speeds_mps)
         return TubeRun(speeds_mps, energy_j, float(self.state.elapsed_s(speeds_mps)[-1]), price_w)
 
     def best(self, run: TubeRun) -> TubeRun:
@@ -156,9 +155,7 @@ class TubeSearch:
     def _one_pass(self, run: TubeRun, width: float) -> TubeRun:
         """The best trajectory in a tube around a given one, never late; `width` is relative to the first tube's."""
         tube = self.tube_around(run.speeds_mps, width)
-        shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
-        moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
-        fill_moves(tube, self._line, self.state.section.train, self._loss, moves)
+        moves = all_moves(tube, *self._on)
         slow, quick = self._enclose(tube, moves, run.price_w)
         found = [one for one in (quick, self.between(slow, quick)) if one is not None]
         return min([run, *found], key=lambda one: one.energy_j)
@@ -187,9 +184,9 @@ class TubeSearch:
         slow = quick = None
         factor = FIRST_FACTOR
         for _ in range(MOST_TRIALS):
-            speeds, train = np.empty(len(tube.squared)), self.state.section.train
+            speeds = np.empty(len(tube.squared))
             tube_sweep(price_w, moves, value)
-            energy_j, time_s = tube_roll_out(price_w, tube, self._line, train, self._loss, value, speeds)
+            energy_j, time_s = tube_roll_out(price_w, tube, *self._on, value, speeds)
             if time_s <= 0:  # it does not reach the end
                 break
             trial = TubeRun(speeds, energy_j, time_s, price_w)
@@ -242,7 +239,7 @@ class TubeSearch:
     def _blended(self, share: float, slow: TubeRun, quick: TubeRun) -> TubeRun | None:
         speeds, state = np.empty(len(slow.speeds_mps)), self.state
         time_s = blend_runs(
-            share, quick.speeds_mps, slow.speeds_mps, self._line, state.envelope_mps, state.section.train, speeds
+            share, quick.speeds_mps, slow.speeds_mps, state.for_kernels, state.envelope_mps, state.section.train, speeds
         )
         if time_s < 0 or abs(speeds[-1] - quick.speeds_mps[-1]) > tol.SPEED_TOLERANCE_MPS:
             return None
@@ -284,10 +281,8 @@ def refined_runs(
     found = list(given)
     timed = (i for i, one in enumerate(given) if one.fit is Fit.ON_TIME and not is_fastest(one))
     order = sorted(timed, key=lambda i: given[i].time_s)
-    for place, before, behind in _in_order(len(order)):
-        i = order[place]
-        neighbours = (found[order[before]], found[order[behind]]) if before < place else None
-        found[i] = _refined(given[i], neighbours, alone)
+    for i, neighbours in _in_order(order):
+        found[i] = _refined(given[i], [found[j] for j in neighbours], alone)
         watch(i)
     for i in sorted(set(range(len(given))) - set(order)):
         found[i] = refined(given[i], alone)
@@ -295,25 +290,21 @@ def refined_runs(
     return found
 
 
-def _in_order(count: int) -> list[tuple[int, int, int]]:
-    """Places in the order in which they are refined, each with the finished places before and after it.
-
-    The first and the last start from their own trajectory because no neighbour is finished: they are their own
-    neighbours.
-    """
-    ends = sorted({0, count - 1}) if count else []
-    found, intervals = [(end, end, end) for end in ends], [(0, count - 1)]
+def _in_order(indices: list[int]) -> Iterator[tuple[int, list[int]]]:
+    """Indices in the order of refinement, each with the finished one on either side (none for first and last)."""
+    for end in dict.fromkeys(indices[:1] + indices[-1:]):
+        yield end, []
+    intervals = [indices]
     while intervals:
-        before, behind = intervals.pop(0)
-        middle = (before + behind) // 2
-        if behind - before > 1:
-            found.append((middle, before, behind))
-            intervals += [(before, middle), (middle, behind)]
-    return found
+        between = intervals.pop(0)
+        if len(between) > 2:
+            middle = (len(between) - 1) // 2
+            yield between[middle], [between[0], between[-1]]
+            intervals += [between[: middle + 1], between[middle:]]
 
 
-def _refined(one: Solution, neighbours: tuple[Solution, Solution] | None, alone: RefinementSettings) -> Solution:
-    if neighbours is not None:
+def _refined(one: Solution, neighbours: Sequence[Solution], alone: RefinementSettings) -> Solution:
+    if neighbours:
         task = Refinement(one, NARROW)
         start = _blend(task, *neighbours)
         if start is not None:

@@ -112,9 +112,9 @@ _TIMING = {
     "upper speed constraint": "speed",
 }
 """Columns of a journey's timing points with their dimensions."""
-_OPEN = (None, -np.inf, np.inf, 0.0, np.inf)
-"""The number that null (an open bound) stands for in each of the timing columns; None: null is refused."""
-_OPEN_COLUMNS = ("radius at start", "radius at end", *list(_TIMING)[1:])
+_OPEN = dict(zip(list(_TIMING)[1:], (-np.inf, np.inf, 0.0, np.inf), strict=True))
+"""The number that null (an open bound) stands for in the columns in which null is not refused."""
+_UNBOUNDED = ("radius at start", "radius at end", *_OPEN)
 """Columns whose values may be infinite: the radius of a straight track, the end of an open window."""
 
 
@@ -126,7 +126,7 @@ def read_journey(path: Path) -> Journey:
     value, expectation) for anything unusable in it.
     """
     fields = read_json(path)
-    rows = _rows(fields, "timing points", *_TIMING.items(), missing=_OPEN)
+    rows = _rows(fields, "timing points", *_TIMING.items())
     groups = [list(group) for _, group in groupby(rows, key=lambda row: row[0])]
     last = len(groups) - 1
     points = tuple(_timing_point(fields, group, first=i == 0, last=i == last) for i, group in enumerate(groups))
@@ -197,26 +197,21 @@ def _stop_positions(fields: Fields) -> list[float]:
     return [in_si(fields.source, f"stops.values[{i}]", x, (unit, "length")) for i, x in enumerate(values)]
 
 
-def _rows(
-    fields: Fields, key: str, *columns: tuple[str, str], missing: tuple[float | None, ...] = ()
-) -> list[list[float]]:
-    """The rows of `{"units": {column: unit}, "values": [[…], …]}` in SI; the text "infinity" counts as a number.
-
-    `missing` holds for each column the number that null stands for, or None if null is refused (the default).
-    """
+def _rows(fields: Fields, key: str, *columns: tuple[str, str]) -> list[list[float]]:
+    """The rows of `{"units": {column: unit}, "values": [[…], …]}` in SI; the text "infinity" counts as a number."""
     table = fields.table(key)
     units_table = table.table("units")
     units = [_unit(units_table, name, dimension) for name, dimension in columns]
-    missing, found = missing or (None,) * len(columns), []
+    found = []
     for i, row in enumerate(table.rows("values", "a list of rows")):
         place = f"{key}.values[{i}]"
         if not isinstance(row, list) or len(row) != len(columns):
             raise fields.error(place, row, f"{len(columns)} numbers: {', '.join(name for name, _ in columns)}")
         cells = [float(cell) if cell in ("infinity", "-infinity") else cell for cell in row]
-        cells = [default if cell is None else cell for cell, default in zip(cells, missing, strict=True)]
+        cells = [_OPEN.get(name) if cell is None else cell for cell, (name, _) in zip(cells, columns, strict=True)]
         found.append(
             [
-                in_si(fields.source, f"{place}.{name}", cell, (unit, dimension), unbounded=name in _OPEN_COLUMNS)
+                in_si(fields.source, f"{place}.{name}", cell, (unit, dimension), unbounded=name in _UNBOUNDED)
                 for cell, unit, (name, dimension) in zip(cells, units, columns, strict=True)
             ]
         )

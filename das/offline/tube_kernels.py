@@ -38,8 +38,6 @@ SPECIALS = 4
 
 ROUNDING_RATIO, ROUNDING_N, ROUNDING_MPS2 = 1e-9, 1e-3, 1e-9
 """Largest excess of a force (share, N) or acceleration (m/s²) over its bound that counts as a rounding error."""
-_ANY_SQUARED = 1.0
-"""v² (m²/s²) used for a barred pair, to avoid a division by 0."""
 _FORCE_STEPS = 6
 _SETTLED_RATIO = 1e-12
 """Relative change below which a speed counts as converged."""
@@ -73,28 +71,6 @@ class TubeMoves(NamedTuple):
     time_s: Floats
     below: NDArray[np.int16]
     share: Floats
-
-
-class Pairs(NamedTuple):
-    """Pairs of a line at a knot and a line at the next knot, given by v², and the cost of the move between them.
-
-    `energy_j` is INFEASIBLE if the train cannot make the move. `least_n` and `largest_n` are the least and the largest
-    wheel force of a move. `barred` is 1 for a pair that is no move.
-    """
-
-    start: Floats
-    landing: Floats
-    energy_j: Floats
-    time_s: Floats
-    least_n: Floats
-    largest_n: Floats
-    barred: Floats
-
-
-@kernel
-def _room_for(count):
-    rows = np.empty((7, count))
-    return Pairs(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])
 
 
 @kernel
@@ -158,22 +134,29 @@ def _special_speed(kind, v0, h, g, q, p, c):
 
 
 @kernel
-def _special(kind, k, start, tube, line, p, c):
-    """Energy (J), time (s) and v² at the end of a special move from knot k at v² `start`, cut to the bounds."""
-    energy, time = 0.0, 0.0
-    v0 = math.sqrt(start)
-    for i in range(tube.knot[k], tube.knot[k + 1]):
+def _drive(kind, k, start, landing, tube, line, p, c, v):
+    """Drive a move from knot k at v² `start` to the next knot: to v² `landing` (a line), or where the special leads.
+
+    Fills `v` with the speeds at the nodes of the move. Returns energy (J), time (s), v² at the end, and the least and
+    the largest wheel force (N).
+    """
+    i0, i1 = tube.knot[k], tube.knot[k + 1]
+    away, beyond = start - tube.squared[i0], landing - tube.squared[i1]
+    energy, time, least_n, largest_n = 0.0, 0.0, INFEASIBLE, -INFEASIBLE
+    v[i0] = math.sqrt(start)
+    for i in range(i0, i1):
         h, g, q = line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i]
         here = on_supply(p, line.supply[i])
-        v1 = _special_speed(kind, v0, h, g, q, here, c)
-        v1 = math.sqrt(min(max(v1 * v1, tube.low[i + 1]), tube.high[i + 1]))
-        e, dt, _ = _interval(v0, v1, h, g, q, here, c)
-        if e >= INFEASIBLE:
-            return INFEASIBLE, 0.0, 0.0
-        energy += e
-        time += dt
-        v0 = v1
-    return energy, time, v0 * v0
+        if kind == LINE:
+            w1 = tube.squared[i + 1] + away + tube.share[i + 1] * (beyond - away)
+        else:
+            w1 = _special_speed(kind, v[i], h, g, q, here, c) ** 2
+        at_line = kind == LINE and i + 1 == i1
+        v[i + 1] = math.sqrt(landing if at_line else min(max(w1, tube.low[i + 1]), tube.high[i + 1]))
+        e, dt, force = _interval(v[i], v[i + 1], h, g, q, here, c)
+        energy, time = min(energy + e, INFEASIBLE), time + dt
+        least_n, largest_n = min(least_n, force), max(largest_n, force)
+    return energy, time, landing if kind == LINE else v[i1] * v[i1], least_n, largest_n
 
 
 @kernel
@@ -226,105 +209,85 @@ def _between(values, j, share):
 
 
 @kernel
-def fill_moves(tube, line, p, c, moves):
+def all_moves(tube, line, p, c):
     """All moves from the lines of every knot but the last: to every line of the next knot, and the specials."""
     size = 2 * tube.lines + 1
-    last = tube.knot.size - 2
-    pairs = _room_for(size * size)
-    for k in range(last + 1):
+    moves = _room_for((tube.knot.size - 1, size, size + SPECIALS))
+    v = np.empty(tube.squared.size)
+    for k in range(tube.knot.size - 1):
         for j in range(size):
-            start = _line_of(tube, k, j)
-            for i in range(size):
-                pairs.start[size * j + i] = start
-                pairs.landing[size * j + i] = _line_of(tube, k + 1, i)
-        _pair_up(k, tube, line, p, c, pairs)
-        for j in range(size):
-            _fill_from(k, j, pairs, tube, line, p, c, moves)
+            _moves_from(k, _line_of(tube, k, j), tube, line, p, c, v, _row(moves, k, j))
+    return moves
 
 
 @kernel
-def _pair_up(k, tube, line, p, c, pairs):
-    """Fill in the costs of all pairs; pairs off the trajectory's own ends, or at a standstill, are barred."""
-    size, last = 2 * tube.lines + 1, tube.knot.size - 2
-    start, landing = pairs.start, pairs.landing
-    for n in range(start.size):
-        barred = (k == 0 and n // size != tube.lines) or (k == last and n % size != tube.lines)
-        barred = barred or (start[n] <= 0.0 and k > 0) or start[n] + landing[n] <= 0.0
-        pairs.barred[n] = 1.0 if barred else 0.0
-        if barred:
-            start[n], landing[n] = _ANY_SQUARED, _ANY_SQUARED
-    _to_lines(k, tube, line, p, c, pairs)
+def _room_for(shape):
+    return TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
 
 
 @kernel
-def _to_lines(k, tube, line, p, c, pairs):
-    """Fill in the costs of all pairs from knot k to the next, at constant acceleration in each interval."""
-    i0, i1 = tube.knot[k], tube.knot[k + 1]
-    for n in range(pairs.start.size):
-        away, beyond = pairs.start[n] - tube.squared[i0], pairs.landing[n] - tube.squared[i1]
-        energy, time, least_n, largest_n = 0.0, 0.0, INFEASIBLE, -INFEASIBLE
-        v0 = math.sqrt(pairs.start[n])
-        for i in range(i0, i1):
-            w1 = tube.squared[i + 1] + away + tube.share[i + 1] * (beyond - away)
-            w1 = pairs.landing[n] if i + 1 == i1 else min(max(w1, tube.low[i + 1]), tube.high[i + 1])
-            v1 = math.sqrt(w1)
-            h, g, q = line.step_m[i], line.constant_n[i], line.tunnel_n_per_mps2[i]
-            e, dt, force = _interval(v0, v1, h, g, q, on_supply(p, line.supply[i]), c)
-            energy, time = min(energy + e, INFEASIBLE), time + dt
-            least_n, largest_n = min(least_n, force), max(largest_n, force)
-            v0 = v1
-        pairs.energy_j[n], pairs.time_s[n] = energy, time
-        pairs.least_n[n], pairs.largest_n[n] = least_n, largest_n
-
-
-@kernel
-def _fill_from(k, j, pairs, tube, line, p, c, moves):
-    """All moves from line j of knot k; those to lines are in the pairs."""
+def _row(moves, k, j):
     energy, time, below, share = moves
+    return TubeMoves(energy[k, j], time[k, j], below[k, j], share[k, j])
+
+
+@kernel
+def _target(move, k, tube):
+    """The kind of a move by its number, and the v² at the next knot if it leads to a line."""
+    size = 2 * tube.lines + 1
+    return max(move - size + 1, LINE), _line_of(tube, k + 1, min(move, size - 1))
+
+
+@kernel
+def _moves_from(k, start, tube, line, p, c, v, row):
+    """Fill `row` with all moves from knot k at v² `start`; the last knot is reached only at the trajectory's own speed.
+
+    `v` (nodes) is working memory.
+    """
+    energy, time, below, share = row
     size, last = 2 * tube.lines + 1, tube.knot.size - 2
-    energy[k, j, :] = INFEASIBLE
-    time[k, j, :] = 0.0
-    below[k, j, :] = 0
-    share[k, j, :] = 0.0
     least_n, largest_n = INFEASIBLE, -INFEASIBLE
-    for i in range(size):
-        n = size * j + i
-        if pairs.barred[n] > 0.0:
+    for i in range(energy.size):
+        energy[i] = INFEASIBLE
+        kind, landing = _target(i, k, tube)
+        if kind == LINE:
+            barred = (k == last and i != tube.lines) or start + landing <= 0.0
+        else:
+            barred = k == last or not _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c)
+        if barred or (k > 0 and start <= 0.0):
             continue
-        least_n, largest_n = min(least_n, pairs.least_n[n]), max(largest_n, pairs.largest_n[n])
-        energy[k, j, i] = pairs.energy_j[n]
-        time[k, j, i] = pairs.time_s[n]
-        below[k, j, i] = min(i, size - 2)
-        share[k, j, i] = 1.0 if i == size - 1 else 0.0
-    if k == last or least_n > largest_n:
-        return
-    start = _line_of(tube, k, j)
-    for kind in range(1, SPECIALS + 1):
-        if not _is_beside(kind, k, start, least_n, largest_n, tube, line, p, c):
-            continue
-        e, t, w = _special(kind, k, start, tube, line, p, c)
-        lower, above = _between_lines(tube, k + 1, w) if e < INFEASIBLE else (-1, 0.0)
+        e, t, w, least, largest = _drive(kind, k, start, landing, tube, line, p, c, v)
+        if kind == LINE:
+            least_n, largest_n = min(least_n, least), max(largest_n, largest)
+            lower, above = min(i, size - 2), 1.0 if i == size - 1 else 0.0
+        else:
+            lower, above = _between_lines(tube, k + 1, w)
         if lower >= 0:
-            i = size + kind - 1
-            energy[k, j, i] = e
-            time[k, j, i] = t
-            below[k, j, i] = lower
-            share[k, j, i] = above
+            energy[i], time[i], below[i], share[i] = e, t, lower, above
+
+
+@kernel
+def _best_move(price, row, ahead):
+    """The least energy + price·time (J) of the moves in `row` with the values `ahead` at the next knot, and its number.
+
+    The cost is INFEASIBLE, and the number 0, if there is none.
+    """
+    energy, time, below, share = row
+    best, number = INFEASIBLE, 0
+    for i in range(energy.size):
+        if energy[i] < INFEASIBLE:
+            cost = energy[i] + price * time[i] + _between(ahead, below[i], share[i])
+            if cost < best:
+                best, number = cost, i
+    return best, number
 
 
 @kernel
 def tube_sweep(price, moves, value):
     """Least energy + price·time (J) to the end from every line of every knot; the last row holds the end values."""
-    energy, time, below, share = moves
-    count, size, landings = energy.shape
-    for k in range(count - 1, -1, -1):
-        ahead = value[k + 1]
-        for j in range(size):
-            best = INFEASIBLE
-            for i in range(landings):
-                e = energy[k, j, i]
-                if e < INFEASIBLE:
-                    best = min(best, e + price * time[k, j, i] + _between(ahead, below[k, j, i], share[k, j, i]))
+    for k in range(value.shape[0] - 2, -1, -1):
+        for j in range(value.shape[1]):
+            best, _ = _best_move(price, _row(moves, k, j), value[k + 1])
             value[k, j] = best if best < UNREACHABLE else INFEASIBLE
 
 
@@ -335,61 +298,15 @@ def tube_roll_out(price, tube, line, p, c, value, v):
     Fills `v` with the speeds at the integration nodes; returns energy (J) and time (s), or (0, −1) if no move is
     possible from a knot.
     """
-    size = 2 * tube.lines + 1
-    last = tube.knot.size - 2
-    pairs = _room_for(size)
-    w = tube.squared[0]
-    v[0] = math.sqrt(w)
-    energy, time = 0.0, 0.0
-    for k in range(last + 1):
-        best, kind_best, e_best, t_best, w_best = INFEASIBLE, LINE, 0.0, 0.0, 0.0
-        least_n, largest_n = INFEASIBLE, -INFEASIBLE
-        for i in range(size):
-            pairs.start[i], pairs.landing[i] = w, _line_of(tube, k + 1, i)
-            barred = (k == last and i != tube.lines) or w + pairs.landing[i] <= 0.0
-            pairs.barred[i] = 1.0 if barred else 0.0
-            if barred:
-                pairs.start[i], pairs.landing[i] = _ANY_SQUARED, _ANY_SQUARED
-        _to_lines(k, tube, line, p, c, pairs)
-        for i in range(size):
-            if pairs.barred[i] > 0.0:
-                continue
-            least_n, largest_n = min(least_n, pairs.least_n[i]), max(largest_n, pairs.largest_n[i])
-            cost = pairs.energy_j[i] + price * pairs.time_s[i] + value[k + 1, i]
-            if cost < best:
-                best, kind_best, w_best = cost, LINE, pairs.landing[i]
-                e_best, t_best = pairs.energy_j[i], pairs.time_s[i]
-        for kind in range(1, SPECIALS + 1):
-            if k == last or not _is_beside(kind, k, w, least_n, largest_n, tube, line, p, c):
-                continue
-            e, t, w1 = _special(kind, k, w, tube, line, p, c)
-            lower, above = _between_lines(tube, k + 1, w1) if e < INFEASIBLE else (-1, 0.0)
-            if lower < 0:
-                continue
-            cost = e + price * t + _between(value[k + 1], lower, above)
-            if cost < best:
-                best, kind_best, e_best, t_best, w_best = cost, kind, e, t, w1
+    row = _room_for((2 * tube.lines + 1 + SPECIALS,))
+    w, energy, time = tube.squared[0], 0.0, 0.0
+    for k in range(tube.knot.size - 1):
+        _moves_from(k, w, tube, line, p, c, v, row)
+        best, move = _best_move(price, row, value[k + 1])
         if best > UNREACHABLE:
             return 0.0, -1.0
-        _record(kind_best, k, w, w_best, tube, line, p, c, v)
-        energy += e_best
-        time += t_best
-        w = w_best
+        kind, landing = _target(move, k, tube)
+        e, t, w, _, _ = _drive(kind, k, w, landing, tube, line, p, c, v)
+        energy += e
+        time += t
     return energy, time
-
-
-@kernel
-def _record(kind, k, start, landing, tube, line, p, c, v):
-    i0, i1 = tube.knot[k], tube.knot[k + 1]
-    here, there = start - tube.squared[i0], landing - tube.squared[i1]
-    v0 = math.sqrt(start)
-    for i in range(i0, i1 - 1):
-        if kind == LINE:
-            w1 = tube.squared[i + 1] + here + tube.share[i + 1] * (there - here)
-        else:
-            g, q = line.constant_n[i], line.tunnel_n_per_mps2[i]
-            v1 = _special_speed(kind, v0, line.step_m[i], g, q, on_supply(p, line.supply[i]), c)
-            w1 = v1 * v1
-        v0 = math.sqrt(min(max(w1, tube.low[i + 1]), tube.high[i + 1]))
-        v[i + 1] = v0
-    v[i1] = math.sqrt(landing)

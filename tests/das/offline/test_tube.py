@@ -11,18 +11,11 @@ from das.domain.files.load import load_route, load_vehicle
 from das.domain.levels import Level
 from das.domain.route import Zone
 from das.offline.refinement import TubeSearch
-from das.offline.tube_kernels import SPECIALS, Tube, TubeMoves, fill_moves
-from das.solver.section import Section, build_section
+from das.offline.tube_kernels import all_moves
+from das.solver.section import build_section
 from das.solver.solution import trajectory_on
 from das.solver.state import State, fastest
 from das.solver.tolerances import UNREACHABLE
-
-
-def moves_of(tube: Tube, search: TubeSearch, section: Section) -> TubeMoves:
-    shape = (len(tube.knot) - 1, 2 * tube.lines + 1, 2 * tube.lines + 1 + SPECIALS)
-    moves = TubeMoves(np.empty(shape), np.empty(shape), np.empty(shape, np.int16), np.empty(shape))
-    fill_moves(tube, search.state.for_kernels, section.train, section.loss_params, moves)
-    return moves
 
 
 @pytest.mark.parametrize("level", [Level.L1, Level.L3])
@@ -35,7 +28,7 @@ def test_moves_cost_what_their_trajectory_costs(level: Level) -> None:
     search = TubeSearch(state, run.time_s)
     slower = np.concatenate(([0.0], 0.9 * run.v_mps[1:-1], [0.0]))
     tube = search.tube_around(slower, 0.5)
-    moves = moves_of(tube, search, section)
+    moves = all_moves(tube, state.for_kernels, section.train, section.loss_params)
 
     line = np.random.default_rng(7).integers(0, 2 * tube.lines + 1, len(tube.knot)) - tube.lines
     line[[0, -1]] = 0
