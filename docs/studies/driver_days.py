@@ -27,8 +27,8 @@ from docs.studies.output import DOCS, plain, write_table
 from precompute.workers import Workers
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
 from sim.experiment.one_line import DaysAsked, row_of
-from sim.experiment.runner import JobWords, Rows, Runner
-from sim.experiment.trials import TrialJob, jobs_of, make_trial
+from sim.experiment.runner import JobWords, Rows, Runner, TrialJob
+from sim.experiment.trials import jobs_of, make_trial
 
 FOLDER: Final = DOCS / "results" / "0.2"
 TABLE: Final = FOLDER / "driver_days.csv"

@@ -25,7 +25,8 @@ from sim.options import LEAST_DRIVERS, PageFiles, PopulationOption, typed_comman
 
 if TYPE_CHECKING:
     from sim.experiment.design import Design
-    from sim.experiment.trials import StudyRun, TrialJob
+    from sim.experiment.runner import TrialJob
+    from sim.experiment.trials import StudyRun
 
 DesignArgument = Annotated[
     str,

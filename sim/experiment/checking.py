@@ -71,23 +71,18 @@ IGNORED: Final = (
 
 
 def _ignores_reasons(design: Design) -> bool:
-    """Whether there are simulated human drivers and all of them ignore the reason for advice."""
-    people = [one for one in design.settings() if one.driver is DriverKind.HUMAN]
-    return bool(people) and not any(_minds_reasons(design, one) for one in people)
+    """Whether there are simulated human drivers, and all of them ignore the reason for advice."""
+    name, people = "reason_refusal_ratio", [one for one in design.settings() if one.driver is DriverKind.HUMAN]
+    drawn = {spread.name for spread in load_population(design.people.population).spreads}
+    varied = name in drawn or any(name in one.read_scenario().human.given for one in people)
+    usual = getattr(HumanParameters(), name)
+    return bool(people) and not varied and all(dict(one.human).get(name, usual) >= 1 for one in people)
 
 
 def level_notes(design: Design) -> list[str]:
     """A note on each factor with named levels that differ in the reason, if simulated drivers ignore reasons."""
     named = [factor for factor in design.factors if factor.name not in factor.varied and "reason" in factor.varied]
     return [f"factor {factor.name}: {IGNORED}" for factor in named] if _ignores_reasons(design) else []
-
-
-def _minds_reasons(design: Design, setting: Setting) -> bool:
-    """Whether drivers of a setting refuse less advice if they see the reason for it."""
-    name = "reason_refusal_ratio"
-    drawn = {spread.name for spread in load_population(design.people.population).spreads}
-    usual = dict(setting.human).get(name, getattr(HumanParameters(), name))
-    return name in drawn or name in setting.read_scenario().human.given or usual < 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +246,7 @@ def checked_in(design: Design, folder: Path) -> None:
     Raises DasError if the design is rejected.
     """
     if (folder / DESIGN_JSON).exists():
-        check_frozen(design, folder, resolved(design))
+        check_frozen(design, folder)
         return
     with made_folder(folder):
         found = check_design(design)

@@ -247,8 +247,6 @@ def load_design(name_or_path: str) -> Design:
 
 
 TABLES: Final = ("experiment", "participants", "procedure", "fixed", "factors", "analysis", "comparisons", "desk")
-FROZEN_KEYS: Final = ("hash", "files")
-"""Keys that only a frozen design has."""
 
 
 def read_design(path: Path) -> Design:
@@ -285,7 +283,7 @@ def as_text(level: object) -> str:
 def _design(fields: Fields, *, frozen: bool) -> Design:
     """The design in a file; factors, levels and measures of a `frozen` design may come from another program."""
     fields.check_schema_version(SCHEMA_VERSION)
-    fields.check_keys(["schema_version", *TABLES, *(FROZEN_KEYS if frozen else ())])
+    fields.check_keys(["schema_version", *TABLES, *(("hash", "files") if frozen else ())])
     main = fields.table("experiment")
     main.check_keys(["name", "title", "description", "seed"])
     name, factors = study_name(main), _factors(fields, frozen=frozen)
@@ -461,10 +459,7 @@ def _level_text(factor: Factor, table: Fields, key: str, *, frozen: bool) -> str
 
 def _people(table: Fields, *, frozen: bool) -> People:
     table.check_keys(list(People.__dataclass_fields__))
-    population = table.text("population", DEFAULT)
-    if not frozen:
-        population = str((table.source.parent / population).resolve()) if population.endswith(".toml") else population
-        load_population(population)
+    population = table.text("population", DEFAULT) if frozen else population_of(table)
     found = People(
         count=table.whole("count", (1, MOST_PARTICIPANTS)),
         first=table.whole("first", (0, 10**9), People.first),
@@ -476,6 +471,14 @@ def _people(table: Fields, *, frozen: bool) -> People:
     if found.average and found.count > 1:
         raise table.error("count", found.count, "1, because participants.average = true")
     return found
+
+
+def population_of(table: Fields) -> str:
+    """The population of a table, by its bundled name or its path; DasError for one that cannot be used."""
+    name = table.text("population", DEFAULT)
+    population = str((table.source.parent / name).resolve()) if name.endswith(".toml") else name
+    load_population(population)
+    return population
 
 
 def _procedure(table: Fields, factors: tuple[Factor, ...]) -> Procedure:
@@ -576,7 +579,7 @@ def freeze(design: Design, folder: Path) -> dict[str, Any]:
     kept = folder / DESIGN_JSON
     if design.source.is_file():
         if kept.exists():
-            check_frozen(design, folder, found)
+            check_frozen(design, folder)
             return found
         _keep_texts(design.desk or PeoplePlan(), folder)
         write_whole(folder / DESIGN_TEXT, read_text(design.source).encode())
@@ -599,9 +602,9 @@ def _keep_texts(plan: PeoplePlan, folder: Path) -> None:
             write_whole(kept, path.read_bytes())
 
 
-def check_frozen(design: Design, folder: Path, own: Mapping[str, Any]) -> None:
-    """Raise DasError if the frozen design of a folder is another than `own`, the design resolved, or was altered."""
-    kept = read_json(folder / DESIGN_JSON)
+def check_frozen(design: Design, folder: Path) -> None:
+    """Raise DasError if the frozen design of a folder is another than the given one, or was altered."""
+    own, kept = resolved(design), read_json(folder / DESIGN_JSON)
     text = kept.text("hash")
     if text != design_sha256(kept.data):
         raise DasError(f"{folder / DESIGN_JSON}: hash = {text[:12]}…: the file was altered after it was frozen")

@@ -6,17 +6,21 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any, Final, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError
+from das.domain.levels import Level
 from das.domain.units import NS
 from sim.drive.table import DriveTable
 from sim.drivers.cab import AdviceView, CabView, Driver, DriverEvent, beginning_of, kept_by
 from sim.drivers.kinds import DESK
 from sim.drivers.parameters import Participant, load_population
 from sim.experiment.factors import Setting
-from sim.experiment.runner import JobRecording, ServiceMemory
 from sim.plant import kernels
 from sim.plant.kernels import Command, PlantState
 from sim.recording.opening import open_recording
@@ -24,14 +28,19 @@ from sim.world.driving import How, drive_day
 from sim.world.external import AT_THE_DESK, ExternalDriver
 from sim.world.loop import LOOK_S, TICK_S, Run
 from sim.world.outcome import DayOutcome, outcome, true_fronts
-from sim.world.service import Day, Service, make_day
+from sim.world.scenario import Scenario
+from sim.world.service import Day, Service, make_day, prepare_service
 
 LOOKS_A_TICK: Final = round(TICK_S / LOOK_S)
 LINES_KEPT: Final = 3
-"""Largest number of solved lines in a process: one for the true train's losses, two for loss levels of the advice."""
+"""Largest number of solved lines in a process: one for the true train's losses, two for loss levels of the advice.
+
+The fronts of a line take a hundred megabytes.
+"""
 APART: Final = 1_000_000_007
 """Distance between the numbers of a participant's random streams, greater than every participant's number."""
-_services = ServiceMemory(most=LINES_KEPT)
+_services: Final[list[tuple[Level | None, Service]]] = []
+"""The services solved in the process, each with its loss level; the one used last comes last."""
 _population = cache(load_population)
 
 
@@ -167,6 +176,22 @@ class Driven:
         return energies.above.difference_j + on_time_j
 
 
+class JobRecording(NamedTuple):
+    """The file in which a job's drive is recorded, and the command for the metadata, with the hash of the inputs."""
+
+    file: Path
+    command: str
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the recording exists, is not cut off, and was made from the job's inputs."""
+        try:
+            with self.file.open("rb") as file:
+                return any(one.metadata.get("command") == self.command for one in make_reader(file).iter_metadata())
+        except (OSError, ValueError, McapError):
+            return False
+
+
 @dataclass(frozen=True, kw_only=True)
 class AtDesk:
     """The settings of a trial driven by a person: pace, endpoints of simulator and recorder, further metadata."""
@@ -226,12 +251,12 @@ def service_of(setting: Setting) -> Service:
     files that cannot be used.
     """
     scenario = setting.read_scenario()
-    own = _services.of(scenario, None)
+    own = _solved(scenario, None)
     if setting.loss_level is None or setting.loss_level == own.level:
         return own
     _, true_level = scenario.truth.train(own.vehicle, own.level)
     fixed = replace(scenario, truth=replace(scenario.truth, level=true_level))
-    planned = _services.of(fixed, setting.loss_level)
+    planned = _solved(fixed, setting.loss_level)
     times_s = [(table.arrival_ns - table.departure_ns) * NS for table in own.timetables]
     service = replace(
         planned,
@@ -241,6 +266,21 @@ def service_of(setting: Setting) -> Service:
     if scenario.truth.is_as_planned:
         service.true_fronts[Conditions()] = own.fronts
     return service
+
+
+def _solved(scenario: Scenario, level: Level | None) -> Service:
+    """The scenario's service, planned with a level of losses (None: the vehicle's default)."""
+    for i, (kept_level, service) in enumerate(_services):
+        if kept_level == level and service.plans(scenario):
+            _services.append(_services.pop(i))
+            for _, other in _services[:-1]:
+                other.true_fronts.clear()
+                other.braking_fronts.clear()
+            return service.on(scenario)
+    solved = prepare_service(scenario, level=level)
+    _services.append((level, solved))
+    del _services[:-LINES_KEPT]
+    return solved.on(scenario)
 
 
 def _day(trial: StudyTrial, who: Participant | None) -> Day:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from das.domain.errors import DasError, InputError, one_of
-from das.domain.files.load import load_vehicle
+from das.domain.files.load import bundled_files, load_vehicle
 from das.domain.files.reading import Fields
 from das.domain.levels import Level
 from das.domain.units import PERCENT
@@ -29,8 +28,7 @@ OF_HUMAN: Final = "human_"
 
 def study_days() -> dict[str, Path]:
     """The scenario files of the bundled studies, by name."""
-    folder = Path(str(files("sim.experiment") / "studies" / "days"))
-    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return bundled_files("sim.experiment", "studies/days")
 
 
 def day_of(name_or_path: str) -> Scenario:

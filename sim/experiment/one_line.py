@@ -16,11 +16,9 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.table import Table
 
 from das.command_line.files import warn_unusual
-from das.command_line.printing import print_table, tell
+from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
 from das.domain.units import in_kwh
 from sim.drivers.kinds import DriverKind, FrictionPolicy, OwnClass, Presentation
@@ -28,8 +26,9 @@ from sim.drivers.parameters import DEFAULT, load_population
 from sim.drivers.presentations.presenter import presenter_of
 from sim.experiment.design import Chances, ConditionOrder, Days, Design, Factor, People, Procedure, defaults
 from sim.experiment.factors import FactorLevel, day_of
+from sim.experiment.runner import TrialJob
 from sim.experiment.study_files import TRIALS_TABLE
-from sim.experiment.trials import StudyRun, TrialJob
+from sim.experiment.trials import StudyRun
 from sim.world.outcome import SHARES
 from sim.world.service import lay_out
 
@@ -143,6 +142,8 @@ Pair = tuple[int, int | None]
 """The day (its seed) and the person of two compared runs."""
 LEAST_VALUES: Final = 3
 """Fewest values whose mean has an interval; for two values, Student's t would make it too wide to be useful."""
+COMBINATION: Final = "scenario, driver, advice"
+"""Heading of the first column of both tables."""
 SHARE_NAMES: Final = {
     "component_loss": "loss",
     "resistance": "run",
@@ -312,7 +313,7 @@ def _summed(scenario: str, driver: str, advice: str, rows: Sequence[dict[str, An
 def print_summary(found: dict[str, Any]) -> None:
     """Print the table of means, the savings, and the failed runs."""
     title = f"{found['trials']} runs, {found['made']} of them simulated now"
-    table = _table(title, ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
+    table = new_table(title, [COMBINATION], ("n", "fail", "late", "kWh", "opt", *SHARE_NAMES.values()))
     for group in found["groups"]:
         table.add_row(*_cells(group))
     print_table(table, LEGEND)
@@ -324,20 +325,11 @@ def print_summary(found: dict[str, Any]) -> None:
     tell(f"written: {Path(found['folder']) / TRIALS_TABLE}")
 
 
-def _table(title: str, names: Sequence[str]) -> Table:
-    """A table with a row for each scenario, driver and presentation."""
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("scenario, driver, advice")
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
-    return table
-
-
 def print_savings(found: Sequence[SplitSaving]) -> None:
     """Print the savings by advice, split into causes; nothing without pairs of runs."""
     if not found:
         return
-    table = _table("saved by advice, split (kWh)", ("n", *SPLIT_LEGEND))
+    table = new_table("saved by advice, split (kWh)", [COMBINATION], ("n", *SPLIT_LEGEND))
     for one in found:
         table.add_row(
             f"{one.scenario}, {one.driver}, {one.advice}",

@@ -1,4 +1,4 @@
-"""A runner of many jobs on all workers, with results in a folder; a stopped command resumes with unfinished jobs.
+"""A runner of trials on all workers, with results in a folder; a stopped command resumes with unfinished jobs.
 
 A job has an identity: the hash of everything on which its result depends. Its result is one row in the journal of the
 folder, and optionally a recording. Results do not depend on the number or the place of the workers.
@@ -18,58 +18,61 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Generic, NamedTuple, Protocol, Self, TypeVar
-
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from typing import Any, Final, NamedTuple, Self
 
 from das.cab.cab import warm_up
 from das.command_line.printing import progress_bar
 from das.command_line.process import interrupted_by_termination
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, make_folder, write_whole
-from das.domain.levels import Level
 from precompute.workers import Workers
-from sim.world.scenario import Scenario
-from sim.world.service import Service, prepare_service
+from sim.drivers.kinds import DriverKind
+from sim.experiment.driving import JobRecording, StudyTrial
 
 Rows = Mapping[str, Mapping[str, Any]]
 """The rows of a journal by the hashes of the jobs' inputs."""
 
 
-class JobRecording(NamedTuple):
-    """The file in which a job's drive is recorded, and the command for the metadata, with the hash of the inputs."""
+@dataclass(frozen=True, kw_only=True)
+class TrialJob:
+    """A trial to drive, the measures to compute for it, and the file for its recording (None: no recording).
 
-    file: Path
-    command: str
+    `files` has the name and hash of each input file, `measures` the names of the wanted measures.
+    """
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether the recording exists, is not cut off, and was made from the job's inputs."""
-        try:
-            with self.file.open("rb") as file:
-                return any(one.metadata.get("command") == self.command for one in make_reader(file).iter_metadata())
-        except (OSError, ValueError, McapError):
-            return False
-
-
-class RunnerJob(Protocol):
-    """The interface of a job for the runner."""
+    trial: StudyTrial
+    population: str
+    measures: tuple[str, ...]
+    files: tuple[tuple[str, str], ...]
+    record: Path | None
 
     @property
     def inputs_sha256(self) -> str:
-        """The hash of everything that decides the result; a job with the same hash need not be done again."""
+        """The hash of everything that affects the result; a trial with an equal hash need not be driven again.
+
+        All drivers, except the simulated human and users' own drivers, drive identically for every participant.
+        """
+        trial, setting = self.trial, self.trial.setting
+        human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
+        decides = [
+            *((trial.person, trial.stream, trial.trips) if human else (None, None, None)),
+            *(trial.seed, setting.figures() | {"scenario": None, "train": None}, list(self.measures)),
+            sorted(self.files),
+        ]
+        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
 
     @property
     def row(self) -> dict[str, Any]:
-        """The entries of the job's row that are known before the job is done, including `inputs_sha256`."""
+        """The trial's entries in the journal that are known before it is driven."""
+        trial = self.trial
+        who = {"trial": trial.number, "participant": trial.participant, "condition": trial.condition}
+        return {"inputs_sha256": self.inputs_sha256, **who}
 
     @property
     def recording(self) -> JobRecording | None:
-        """The file in which the job's drive is recorded; None if it is not recorded."""
-
-
-Job = TypeVar("Job", bound=RunnerJob)
+        """The file in which the trial is recorded; None if it is not recorded."""
+        command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
+        return None if self.record is None else JobRecording(self.record, command)
 
 
 class JobWords(NamedTuple):
@@ -175,15 +178,15 @@ def _sha256(row: dict[str, Any]) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Runner(Generic[Job]):
+class Runner:
     """A runner of jobs on workers, with results in a folder; `make` must be a function at module level."""
 
-    make: Callable[[Job], dict[str, Any]]
+    make: Callable[[TrialJob], dict[str, Any]]
     folder: Path
     workers: Workers
     words: JobWords
 
-    def run(self, jobs: Sequence[Job], write: Callable[[Rows, int], None]) -> int:
+    def run(self, jobs: Sequence[TrialJob], write: Callable[[Rows, int], None]) -> int:
         """Do the unfinished jobs, in their order; returns their number.
 
         `write` is called at the end, even after an interruption, with the journal's rows and that number. Raises
@@ -204,7 +207,7 @@ class Runner(Generic[Job]):
                 write(journal.rows, len(left))
         return len(left)
 
-    def _make(self, left: Sequence[Job], of: int, journal: Journal) -> None:
+    def _make(self, left: Sequence[TrialJob], of: int, journal: Journal) -> None:
         """Do the remaining jobs, and show progress; an interruption waits for the jobs under way on this machine."""
         if not left:
             return
@@ -222,7 +225,7 @@ class Runner(Generic[Job]):
                 progress(number, of)
 
 
-def attempted(make: Callable[[Job], dict[str, Any]], job: Job) -> dict[str, Any]:
+def attempted(make: Callable[[TrialJob], dict[str, Any]], job: TrialJob) -> dict[str, Any]:
     """The whole row of a job with its result. If the job fails, the row has the reason, and other jobs continue."""
     try:
         return job.row | make(job)
@@ -232,36 +235,12 @@ def attempted(make: Callable[[Job], dict[str, Any]], job: Job) -> dict[str, Any]
         return _failed(job, f"{type(error).__name__}: {error}")
 
 
-def _failed(job: RunnerJob, why: str) -> dict[str, Any]:
+def _failed(job: TrialJob, why: str) -> dict[str, Any]:
     return job.row | {"error": " ".join(why.split())}
 
 
-def is_finished(job: RunnerJob, rows: Rows) -> bool:
+def is_finished(job: TrialJob, rows: Rows) -> bool:
     """Whether a job was done without error and its recording is whole; a failed job is done again."""
     row = rows.get(job.inputs_sha256)
     done = row is not None and row.get("error") is None
     return done and (job.recording is None or job.recording.is_whole)
-
-
-class ServiceMemory:
-    """The last services solved by a process; only a few are kept, because each has fronts of a hundred megabytes."""
-
-    def __init__(self, most: int = 1) -> None:
-        self._most = most
-        self._kept: list[tuple[Level | None, Service]] = []
-
-    def of(self, scenario: Scenario, level: Level | None) -> Service:
-        """The scenario's service, planned with a level of losses (None: the vehicle's default).
-
-        Raises DasError for anything unusable, InfeasibleError if the train cannot run.
-        """
-        for i, (kept_level, service) in enumerate(self._kept):
-            if kept_level == level and service.plans(scenario):
-                self._kept.append(self._kept.pop(i))
-                for _, other in self._kept[:-1]:
-                    other.true_fronts.clear()
-                    other.braking_fronts.clear()
-                return service.on(scenario)
-        solved = prepare_service(scenario, level=level)
-        self._kept = [*self._kept, (level, solved)][-self._most :]
-        return solved.on(scenario)

@@ -215,20 +215,21 @@ def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
     Only measures that can be computed from a recording alone are possible; existing columns are replaced, others are
     added. Returns the number of trials. Raises DasError for a study without recordings, and for other measures.
     """
+    able = {one.name: one.of_table for one in MEASURES.values() if one.of_table is not None}
     for name in names:
-        if name not in MEASURES or MEASURES[name].of_table is None:
-            able = ", ".join(one.name for one in MEASURES.values() if one.of_table is not None)
-            raise DasError(f"--measure {name}: expected a measure that a recording alone gives: {able}")
+        if name not in able:
+            raise DasError(f"--measure {name}: expected a measure that a recording alone gives: {', '.join(able)}")
     design = read_frozen(folder)
     rows = list(csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE))))
     if out.resolve() == folder.resolve() or (out / TRIALS_TABLE).exists():
         raise DasError(f"{out}: holds a study already, expected another folder")
-    files = [folder / RECORDINGS / _recording(design, row) for row in rows]
+    files = [folder / RECORDINGS / _recording(row) for row in rows]
     if missing := [file for file in files if not file.is_file()]:
         raise DasError(f"{missing[0]}: no such file: only a study with recordings (--recordings) can be rescored")
     with progress_bar("rescore", f"{len(rows)} recordings to read", "trials") as progress:
         for number, (row, file) in enumerate(zip(rows, files, strict=True), start=1):
-            row.update(measured_of_table(DriveTable.of(open_recording(file)), names))
+            table = DriveTable.of(open_recording(file))
+            row.update({name: able[name](table) for name in names})
             progress(number, len(rows))
     make_folder(out)
     head = [*rows[0]] if rows else []
@@ -237,12 +238,7 @@ def rescore(folder: Path, names: Sequence[str], out: Path) -> int:
     return len(rows)
 
 
-def measured_of_table(table: DriveTable, names: Sequence[str]) -> dict[str, Any]:
-    """The values of measures that a recording alone gives, by name."""
-    return {name: of(table) for name in names if (of := MEASURES[name].of_table) is not None}
-
-
-def _recording(design: Design, row: Mapping[str, str]) -> str:
+def _recording(row: Mapping[str, str]) -> str:
     try:
         return recording_name(row["participant"], int(row["position"]), row["condition"], row["seed"])
     except (KeyError, TypeError, ValueError) as error:

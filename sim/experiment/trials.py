@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,13 +20,13 @@ from das import __version__
 from das.domain.errors import DasError
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers, source_sha256
-from sim.drivers.kinds import DriverKind, Presentation
+from sim.drivers.kinds import Presentation
 from sim.drivers.parameters import load_population
 from sim.experiment.design import Chances, ConditionOrder, Days, Design
 from sim.experiment.driving import LINES_KEPT, StudyTrial, drive
-from sim.experiment.factors import FactorLevel, Setting, setting_files
+from sim.experiment.factors import FactorLevel, setting_files
 from sim.experiment.measures import MEASURES, measured, needs_table
-from sim.experiment.runner import JobRecording, JobWords, Rows, Runner
+from sim.experiment.runner import JobWords, Rows, Runner, TrialJob
 from sim.experiment.study_files import (
     FAILED_TABLE,
     README,
@@ -166,48 +164,6 @@ ONE_AT_A_TIME: Final = Lock()
 """Lock held while a trial is driven: the threads of a cluster worker share solved lines."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TrialJob:
-    """A trial to drive, the measures to compute for it, and the file for its recording (None: no recording).
-
-    `files` has the name and hash of each input file, `measures` the names of the wanted measures.
-    """
-
-    trial: StudyTrial
-    population: str
-    measures: tuple[str, ...]
-    files: tuple[tuple[str, str], ...]
-    record: Path | None
-
-    @property
-    def inputs_sha256(self) -> str:
-        """The hash of everything that affects the result; a trial with an equal hash need not be driven again.
-
-        All drivers, except the simulated human and users' own drivers, drive identically for every participant.
-        """
-        trial, setting = self.trial, self.trial.setting
-        human = not isinstance(setting.driver, DriverKind) or setting.driver is DriverKind.HUMAN
-        decides = [
-            *((trial.person, trial.stream, trial.trips) if human else (None, None, None)),
-            *(trial.seed, setting.figures() | {"scenario": None, "train": None}, list(self.measures)),
-            sorted(self.files),
-        ]
-        return hashlib.sha256(json.dumps(decides, sort_keys=True).encode()).hexdigest()
-
-    @property
-    def row(self) -> dict[str, Any]:
-        """The trial's entries in the journal that are known before it is driven."""
-        trial = self.trial
-        who = {"trial": trial.number, "participant": trial.participant, "condition": trial.condition}
-        return {"inputs_sha256": self.inputs_sha256, **who}
-
-    @property
-    def recording(self) -> JobRecording | None:
-        """The file in which the trial is recorded; None if it is not recorded."""
-        command = f"das-sim experiment run: trial {self.trial.number}, inputs {self.inputs_sha256}"
-        return None if self.record is None else JobRecording(self.record, command)
-
-
 def jobs_of(design: Design, folder: Path, *, record: bool = False) -> list[TrialJob]:
     """The jobs of a design in the order of its trials, recorded in the study's folder if asked.
 
@@ -216,18 +172,16 @@ def jobs_of(design: Design, folder: Path, *, record: bool = False) -> list[Trial
     population = design.people.population
     common = {"version": __version__, "code": source_sha256(), "population": sha256(load_population(population).source)}
     common |= {name: MEASURES[name].source for name in design.measures if needs_table([name])}
-    by_setting: dict[Any, dict[str, str]] = {}
-    found = []
-    for trial in trials_of(design):
-        files = by_setting.setdefault(trial.setting, {})
-        if not files:
-            files |= common | setting_files(trial.setting)
-        file = folder / recording_file(trial) if record else None
-        job = TrialJob(
-            trial=trial, population=population, measures=design.measures, files=tuple(files.items()), record=file
+    trials = trials_of(design)
+    settings = dict.fromkeys(trial.setting for trial in trials)
+    files = {setting: tuple((common | setting_files(setting)).items()) for setting in settings}
+    return [
+        TrialJob(
+            trial=trial, population=population, measures=design.measures, files=files[trial.setting],
+            record=folder / recording_file(trial) if record else None,
         )
-        found.append(job)
-    return found
+        for trial in trials
+    ]  # fmt: skip
 
 
 _files_here = cache(setting_files)
@@ -256,16 +210,13 @@ def in_order_of_work(jobs: Sequence[TrialJob]) -> list[TrialJob]:
     A worker keeps `LINES_KEPT` solved lines. If the study has fewer loss levels, all jobs of a line are in the order of
     the trials, whatever the level, so that a stopped study has a balanced set of finished trials.
     """
-    settings = {job.trial.setting for job in jobs}
-    many_levels = len({setting.loss_level for setting in settings}) >= LINES_KEPT
-    lines = {setting: _line_of(setting, by_level=many_levels) for setting in settings}
+    settings = {job.trial.setting: job.trial.setting.read_scenario() for job in jobs}
+    by_level = len({setting.loss_level for setting in settings}) >= LINES_KEPT
+    lines = {
+        setting: repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
+        for setting, scenario in settings.items()
+    }
     return sorted(jobs, key=lambda job: (lines[job.trial.setting], job.trial.number))
-
-
-def _line_of(setting: Setting, *, by_level: bool) -> str:
-    """The key of a setting's solved lines: line, train, timetable and, if `by_level`, the advice's loss level."""
-    scenario = setting.read_scenario()
-    return repr([*(getattr(scenario, name) for name in PLANNED), setting.loss_level if by_level else None])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,6 +264,6 @@ def run_study(design: Design, jobs: Sequence[TrialJob], folder: Path, workers: W
 
     once = {(job.inputs_sha256, job.record): job for job in reversed(jobs)}  # some drivers do not depend on the person
     words = JobWords("experiment", "trials", "drive")
-    runner = Runner(make=make_trial, folder=folder, workers=workers, words=words)
-    made = runner.run(in_order_of_work(list(once.values())), write)
+    ordered = in_order_of_work(list(once.values()))
+    made = Runner(make=make_trial, folder=folder, workers=workers, words=words).run(ordered, write)
     return StudyRun(folder=folder, trials=len(jobs), made=made, failed=tuple(failed), measures=good)

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from rich.table import Table
 
-from das.command_line.printing import print_table, tell
+from das.command_line.printing import new_table, print_table, tell
 from das.domain.errors import DasError
 from das.domain.units import TONNE, in_kwh
 from das.domain.vehicle import Vehicle
@@ -90,9 +90,8 @@ def print_trains(trains: list[dict[str, Any]]) -> None:
 
 def trains_table(trains: list[dict[str, Any]]) -> Table:
     """The table of the trains that were tried, the likeliest first."""
-    table = Table(title="which train it was", title_justify="left")
-    for name in ("train", "likely", "mass, t", "resistance", "beyond", "kWh", "above"):
-        table.add_column(name, justify="left" if name == "train" else "right", no_wrap=True)
+    figures = ("likely", "mass, t", "resistance", "beyond", "kWh", "above")
+    table = new_table("which train it was", (), figures, whole=("train",), lines=True)
     for one in trains:
         names = "\n".join(Path(name).stem for name in one["names"])
         beyond = f"{100 * one['unexplained_ratio']:.0f} %"

@@ -11,7 +11,7 @@ import re
 import shlex
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
@@ -41,13 +41,14 @@ from das.bus.topics import (
     Topic,
     message_time_ns,
 )
-from das.cab.cab import Cab, no_stopwatch
+from das.cab.cab import no_stopwatch
 from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command
+from das.command_line.printing import Progressed
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.node.command import AdviceGiven, ClockKind, LineServed, NodeOptions, NodePlace, TrainServed
-from das.node.process import CabPlan, plan_cab
+from das.node.process import plan_cab
 from sim.recording.check import restarts_of
 from sim.recording.opening import NODE_ARGUMENTS, AttachedFiles, open_contents
 
@@ -169,15 +170,8 @@ def _refuse_what_is_only_named(recording: Path, options: NodeOptions, folder: Pa
             )
 
 
-def by_bus_clock(options: NodeOptions) -> bool:
-    """Whether a simulation asked the node for its advice at every tick."""
-    return options.advice.clock is ClockKind.BUS
-
-
 STATES = (JOURNEY, RESTRICTION, TARGET)
 """The topics whose last message the bus keeps for a node that restarts."""
-HeardAgain = Callable[[float, float], None]
-"""A function that is called with the number of messages received so far and the number of all messages."""
 
 
 class Said(NamedTuple):
@@ -188,26 +182,29 @@ class Said(NamedTuple):
     tick: int
 
 
-@dataclass
 class Rehearing:
-    """A cab that receives the messages of a recording again. `make` makes a new cab, as at every start of the node."""
+    """A cab that receives the messages of a recording again; it solves within a tick and measures no time.
 
-    make: Callable[[], Cab]
-    by_bus_clock: bool
-    calibrates: bool
-    said: list[Said] = field(default_factory=list)
-    _ticks: int = 0
-    _judged_ns: int = 0
+    `by_bus_clock`: a simulation asked the node for its advice at every tick. `said` has what the cab sent so far.
+    """
 
-    def run(self, messages: Sequence[RecordedMessage], progress: HeardAgain) -> list[Said]:
-        """Receive all messages of one train in the order of the file; returns what the cab sent."""
-        for i, _ in enumerate(self.steps(messages), start=1):
-            progress(i, len(messages))
-        return self.said
+    def __init__(self, options: NodeOptions) -> None:
+        plan = plan_cab(options)
+        self.plan = replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
+        """The plan of the cab, of which a new one is made at every start of the node."""
+        self.by_bus_clock = options.advice.clock is ClockKind.BUS
+        self.said: list[Said] = []
+        self._calibrates = options.advice.calibrate
+        self._ticks = self._judged_ns = 0
+
+    @property
+    def notes(self) -> list[str]:
+        """A note if the answers of the recorded node depended on its machine."""
+        return [] if self.by_bus_clock else [BY_THE_WALL]
 
     def steps(self, messages: Sequence[RecordedMessage]) -> Iterator[tuple[RecordedMessage, Sequence[Said]]]:
         """Receive the messages of one train one by one; yields each message, and what the cab sent in answer."""
-        self._cab = self.make()
+        self._cab = self.plan.cab()
         self._kept: dict[str, RecordedMessage] = {}
         self._waiting = _announced(messages) if self.by_bus_clock else {}
         starts = _starts(messages)
@@ -230,13 +227,13 @@ class Rehearing:
     def _start_anew(self) -> None:
         """Replace the cab by one that has received only what the bus keeps, as after a restart of the node."""
         self._cab.close()
-        self._cab = self.make()
+        self._cab = self.plan.cab()
         self._judged_ns = 0
         for one in list(self._kept.values()):
             self._hear(one)
 
     def _hear(self, one: RecordedMessage) -> None:
-        if one.topic is EFFORT and not self.calibrates:  # a node without calibration does not receive it
+        if one.topic is EFFORT and not self._calibrates:  # a node without calibration does not receive it
             return
         if one.topic in STATES:
             self._kept[one.topic.name] = one
@@ -298,16 +295,10 @@ def _starts(messages: Sequence[RecordedMessage]) -> set[int]:
     return {places[i] for i in found}
 
 
-OF_THE_PROCESS = (NodeState.STARTING, NodeState.STOPPING)
-"""States that the process around the cab reports, not the cab."""
-
-
-def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic]) -> list[Said]:
-    """The recorded messages of a node on these topics, except messages of the process around its cab."""
+def recorded_words(messages: Sequence[RecordedMessage]) -> list[Said]:
+    """The recorded messages of a node's cab."""
     said, ticks = [], 0
-    for one in messages:
-        if one.topic not in topics or (one.topic is STATUS and of_the_process(one.message)):
-            continue
+    for one in filter(is_of_cab, messages):
         if one.topic is ADVICE:
             ticks += 1
         one.message.DiscardUnknownFields()  # of an older version, in which the message had more
@@ -315,10 +306,13 @@ def recorded_words(messages: Sequence[RecordedMessage], topics: Sequence[Topic])
     return said
 
 
-def of_the_process(status: Any) -> bool:
-    """Whether a status comes from the process around the cab, which starts, waits for a journey, or stops."""
+def is_of_cab(one: RecordedMessage) -> bool:
+    """Whether a cab sent a message, and not the process around it, which starts, waits for a journey, or stops."""
+    if one.topic is not STATUS:
+        return one.topic in COMPARED
+    status = one.message
     waits = status.state == NodeState.WAITING and status.reason == "waiting for a journey" and not status.advices
-    return waits or status.state in OF_THE_PROCESS
+    return not waits and status.state not in (NodeState.STARTING, NodeState.STOPPING)
 
 
 COMPARED: Final = tuple(topic for topic in TOPICS if topic.publisher == "node")
@@ -546,7 +540,7 @@ def _as_dict(one: Difference) -> dict[str, Any]:
 
 
 def reproduce(
-    path: Path, progress: HeardAgain, *, train: str | None = None, node: str | None = None, tables: Path | None = None
+    path: Path, progress: Progressed, *, train: str | None = None, node: str | None = None, tables: Path | None = None
 ) -> Reproduction:
     """Send a recording to today's cab; `node` is the command line of its node, if the recording does not hold it.
 
@@ -560,28 +554,21 @@ def reproduce(
     with tempfile.TemporaryDirectory(prefix="das-reproduce-") as folder:
         given = node_given(contents, train, Path(folder), node)
         given.words += ["--tables", str(tables)] if tables is not None else []
-        options = given.options()
-        plan = without_waiting(plan_cab(options))
-        by_bus = by_bus_clock(options)
-        hearing = Rehearing(plan.cab, by_bus, options.advice.calibrate)
-        today = hearing.run(messages, progress)
+        hearing = Rehearing(given.options())
+        for number, _ in enumerate(hearing.steps(messages), start=1):
+            progress(number, len(messages))
     span = _span(contents)
-    found = compare(within(recorded_words(messages, COMPARED), span), within(today, span))
-    notes = [*given.notes, *([] if by_bus else [BY_THE_WALL])]
+    found = compare(within(recorded_words(messages), span), within(hearing.said, span))
+    notes = [*given.notes, *hearing.notes]
     if tables is None and any(one.topic is ADVICE and one.message.source == Source.TABLE for one in contents.messages):
         notes.append("the node used tables: give their folder with --tables")
     return Reproduction(
         path=path,
         train=train,
-        ticks=sum(one.topic is ADVICE for one in today),
+        ticks=sum(one.topic is ADVICE for one in hearing.said),
         comparison=found,
         notes=tuple(notes),
     )
-
-
-def without_waiting(plan: CabPlan) -> CabPlan:
-    """The plan of a cab that solves within a tick and measures no time."""
-    return replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
 
 
 def _span(contents: Contents) -> tuple[int, int]:

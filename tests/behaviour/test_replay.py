@@ -38,7 +38,7 @@ from das.domain.files.load import load_route, load_vehicle
 from das.solver.section import build_section
 from das.solver.solve import solve_front
 from docs.studies.pictures import draw_first_minute
-from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
+from sim.bundled.recorded_driver import HurriedDriver
 from sim.cli.trips import bundled_recording
 from sim.drive.comparison import EqualArrival
 from sim.drive.drive import Drive
@@ -322,7 +322,7 @@ def test_halving_the_plants_step_changes_its_energy_little() -> None:
     energies = []
     for step_s in (0.1, 0.05):
         plant = HurriedPlant(route, vehicle, vehicle.loss_model(vehicle.default_level), step_s)
-        driver = HurriedDriver(route, vehicle, 12_000.0, 0, DriverStyle(wander_mps=0.0))
+        driver = HurriedDriver(route, vehicle, 12_000.0, 0, wander_mps=0.0)
         state = HurriedState(time_s=0.0, s_m=0.0, speed_mps=0.0)
         while state.s_m < 8_000.0:
             state = plant.step(state, driver.wanted_force_n(state.s_m, state.speed_mps, step_s))

@@ -27,7 +27,7 @@ from das.domain.vehicle import Vehicle
 from das.estimate.estimate import PositionFix, Quality
 from das.solver.section import build_section
 from das.solver.solve import solve_front
-from sim.bundled.recorded_driver import DriverStyle, HurriedDriver
+from sim.bundled.recorded_driver import HurriedDriver
 from sim.world.lockstep import location
 from tests.support.hurried_plant import HurriedPlant, HurriedState
 
@@ -61,7 +61,7 @@ class TripPlan:
 def drive(plan: TripPlan) -> list[HurriedState]:
     """The true states of the trip, once a second from departure to standstill at the stop."""
     plant = HurriedPlant(plan.route, plan.vehicle, plan.vehicle.loss_model(plan.level))
-    driver = HurriedDriver(plan.route, plan.vehicle, plan.end.position_m, plan.seed, DriverStyle())
+    driver = HurriedDriver(plan.route, plan.vehicle, plan.end.position_m, plan.seed)
     state = HurriedState(time_s=0.0, s_m=plan.start.position_m, speed_mps=0.0)
     states = [state]
     per_fix = round(FIX_EVERY_S / plant.step_s)

@@ -23,6 +23,7 @@ import zlib
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Final
 
@@ -345,31 +346,22 @@ LEAST_IN_GROUP: Final = 3
 class PairedTrials:
     """The pairs of a comparison between conditions that every participant drove.
 
-    Each array has an entry for each pair: `owner` is the participant's index in `participants`, `a` and `b` are
-    the values (means if a trial was driven twice). `unpaired` counts trials without a partner, which are left out.
-    `same_day` is False if no two trials had the same day, so that pairs were made by participant alone.
+    Each array has an entry for each pair: `owner` is the participant's index in `participants`, `differences` the value
+    at level a minus the value at level b (means if a trial was driven twice). `unpaired` counts trials without a
+    partner, which are left out. `same_day` is False if no two trials had the same day, so that pairs were made by
+    participant alone.
     """
 
     participants: tuple[str, ...]
     owner: Ints
-    a: Floats
-    b: Floats
+    differences: Floats
     unpaired: int
     same_day: bool
 
     @property
-    def differences(self) -> Floats:
-        """The value at level a minus the value at level b of each pair, (pairs,)."""
-        return self.a - self.b
-
-    @property
     def means(self) -> Floats:
         """Mean difference of each participant, (participants,)."""
-        return self.by_participant(self.differences)
-
-    def by_participant(self, values: Floats) -> Floats:
-        """Mean over the pairs of each participant, (participants,)."""
-        return np.asarray(np.bincount(self.owner, weights=values) / np.bincount(self.owner))
+        return np.asarray(np.bincount(self.owner, weights=self.differences) / np.bincount(self.owner))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -423,8 +415,7 @@ def _paired(study: RunStudy, comparison: PlannedComparison, *, with_day: bool) -
     return PairedTrials(
         participants=names,
         owner=np.array([number[who] for who, _, _ in whole], dtype=np.int64),
-        a=np.array([values[a].mean() for a, _ in whole.values()]),
-        b=np.array([values[b].mean() for _, b in whole.values()]),
+        differences=np.array([values[a].mean() - values[b].mean() for a, b in whole.values()]),
         unpaired=len(rows) - sum(len(a) + len(b) for a, b in whole.values()),
         same_day=with_day,
     )
@@ -468,11 +459,6 @@ class DifferenceEstimate:
     def known(self) -> bool:
         """Whether the difference has an interval; False without any spread, or with too few participants."""
         return math.isfinite(self.interval[0])
-
-
-def estimate_of(trials: ComparedTrials, rng: np.random.Generator) -> DifferenceEstimate:
-    """The estimate of a comparison, from its pairs or from its two groups."""
-    return group_estimate(trials.a, trials.b) if isinstance(trials, TwoGroups) else paired_estimate(trials.means, rng)
 
 
 def paired_estimate(differences: Floats, rng: np.random.Generator) -> DifferenceEstimate:
@@ -606,10 +592,6 @@ class StudyFindings:
     failed: tuple[tuple[str, str], ...]
     conditions: tuple[ConditionValues, ...]
 
-    def shown(self, measure: str) -> ShownMeasure:
-        """The format of a measure."""
-        return {one.column: one for one in self.measures}[measure]
-
 
 def analyse_study(study: RunStudy) -> StudyFindings:
     """Analyse every planned comparison of a study and describe every condition.
@@ -644,10 +626,12 @@ def generator(study: RunStudy, what: str) -> np.random.Generator:
 
 def difference_of(study: RunStudy, comparison: PlannedComparison, trials: ComparedTrials) -> FoundDifference:
     """The finding on a comparison from its pairs or groups; p is not corrected yet."""
-    return FoundDifference(
-        comparison=comparison, shown=study.shown(comparison.measure), trials=trials, corrected=math.nan,
-        estimate=estimate_of(trials, generator(study, comparison.name)),
-    )  # fmt: skip
+    if isinstance(trials, TwoGroups):
+        estimate = group_estimate(trials.a, trials.b)
+    else:
+        estimate = paired_estimate(trials.means, generator(study, comparison.name))
+    shown = study.shown(comparison.measure)
+    return FoundDifference(comparison=comparison, shown=shown, estimate=estimate, corrected=math.nan, trials=trials)
 
 
 def _conditions(study: RunStudy) -> list[ConditionValues]:
@@ -666,10 +650,11 @@ def _conditions(study: RunStudy) -> list[ConditionValues]:
 def conditions_of(study: RunStudy) -> list[tuple[str, Bools]]:
     """The combinations of levels that were driven, each with the mask of its trials without practice."""
     trials, factors = study.trials, study.design.factors
-    ranks = np.array([[one.texts.index(str(level)) for level in trials.levels[one.name]] for one in factors])
     found = []
-    for combination in np.unique(ranks[:, ~trials.practice], axis=1).T:
-        names = [one.texts[rank] for one, rank in zip(factors, combination, strict=True)]
-        mine = (ranks == combination[:, None]).all(axis=0) & ~trials.practice
-        found.append((", ".join(names), mine))
+    for levels in product(*(one.texts for one in factors)):
+        mine = ~trials.practice
+        for factor, level in zip(factors, levels, strict=True):
+            mine &= trials.levels[factor.name] == level
+        if mine.any():
+            found.append((", ".join(levels), mine))
     return found

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIGNALS: Final = "signals_passed"
-CORRECTION_NAMES: Final = {"holm": "Holm", "bonferroni": "Bonferroni"}
 MOST_FAILED: Final = 3
 """Largest number of failed trials listed on the page; failed.csv has all."""
 MOST_MISSING: Final = 6
@@ -187,7 +186,7 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
     driven, failed, missing = ~trials.practice, found.study.failed, found.study.missing.total()
     counts = Counter(trials.participant[driven].tolist())
     without = {name: int(np.sum(~np.isfinite(values[driven]))) for name, values in trials.values.items()}
-    gaps = ", ".join(f"{found.shown(name).name}: {count}" for name, count in without.items() if count)
+    gaps = ", ".join(f"{found.study.shown(name).name}: {count}" for name, count in without.items() if count)
     return [
         ("drivers", str(len(counts))),
         ("finished trials", str(int(driven.sum()))),
@@ -197,7 +196,7 @@ def trial_rows(found: StudyFindings) -> list[tuple[str, str]]:
         ("failed trials", f"{len(failed)}: {'; '.join(failed[:MOST_FAILED])}{' …' * (len(failed) > MOST_FAILED)}"
          if failed else "0 (a trial fails if the train does not reach its last stop)"),
         ("trials without a value", gaps or "0"),
-        ("comparisons planned", f"{len(design.comparisons)}, p corrected by {CORRECTION_NAMES[design.correction]}"
+        ("comparisons planned", f"{len(design.comparisons)}, p corrected by {design.correction.capitalize()}"
          if design.correction != "none" else f"{len(design.comparisons)}, p not corrected"),
     ]  # fmt: skip
 

@@ -27,7 +27,7 @@ from precompute.workers import Workers
 from sim.drive.table import DriveTable
 from sim.drivers.kinds import DriverKind
 from sim.drivers.parameters import DEFAULT, KEYS, HumanParameters, Shape, Spread, load_population
-from sim.experiment.design import DESIGN_TEXT, MOST_TRIALS_EACH, check_frozen, read_design, resolved
+from sim.experiment.design import DESIGN_TEXT, MOST_TRIALS_EACH, check_frozen, read_design
 from sim.experiment.driving import StudyTrial, drive
 from sim.experiment.people.observing import Samples, notches_of, observed, statistics
 from sim.experiment.study_files import TRIALS_TABLE, participant_number, pseudonym, recording_file
@@ -243,7 +243,7 @@ def recorded(folder: Path, design_file: Path | None, participants: Sequence[str]
     except DasError as error:
         hint = "; --design names the design's own file" if design_file is None else ""
         raise DasError(f"{error}{hint}") from None
-    check_frozen(design, folder, resolved(design))
+    check_frozen(design, folder)
     try:
         done = {int(row["trial"]) for row in csv.DictReader(io.StringIO(read_text(folder / TRIALS_TABLE)))}
     except (KeyError, TypeError, ValueError) as error:

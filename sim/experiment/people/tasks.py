@@ -33,13 +33,8 @@ class Timing(NamedTuple):
 
 
 TIMINGS: Final = {SideTask.PEDAL: Timing(20.0, 40.0, 5.0, 5.0), SideTask.DETECTION: Timing(3.0, 5.0, 1.0, 2.5)}
-TASK_MEASURES: Final = {
-    "pedal_s": ("reaction to the pedal's request, mean", "s"),
-    "pedal_missed": ("requests of the pedal that were missed, share", "1"),
-    "detection_s": ("reaction to the disc, mean", "s"),
-    "detection_missed": ("discs that were missed, share", "1"),
-}
-"""Title and unit of each measure."""
+TASK_MEASURES: Final = tuple(f"{task}_{what}" for task in SideTask for what in ("s", "missed"))
+"""The measures of each task: mean reaction to its requests (s), and share of requests that were missed."""
 
 
 class TaskEvent(NamedTuple):

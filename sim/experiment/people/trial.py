@@ -16,11 +16,10 @@ import msgspec
 from das.domain.files.writing import make_folder, write_whole
 from sim.desk.messages import given_to
 from sim.drivers.kinds import DESK
-from sim.experiment.design import check_frozen, load_design, resolved
-from sim.experiment.driving import AtDesk, Driven, drive
+from sim.experiment.design import check_frozen, load_design
+from sim.experiment.driving import AtDesk, Driven, JobRecording, drive
 from sim.experiment.measures import measured, needs_table
 from sim.experiment.people.steps import plan_of
-from sim.experiment.runner import JobRecording
 from sim.experiment.study_files import recording_file
 from sim.experiment.trials import trials_of
 from sim.world.lockstep import run_child
@@ -49,7 +48,7 @@ def driven_row(given: TrialGiven) -> dict[str, Any]:
     from das.solver.warm_up import warm_up
 
     design = load_design(given.design)
-    check_frozen(design, Path(given.folder), resolved(design))
+    check_frozen(design, Path(given.folder))
     plan, trial = plan_of(design), trials_of(design)[given.number - 1]
     trial = replace(trial, setting=replace(trial.setting, driver=DESK))
     warm_up()

@@ -127,12 +127,6 @@ def by_case(study: RunStudy) -> Cases:
     return found | {SOLVED: {cases.ENERGY: optimum, cases.LATE: np.zeros(len(names))}}
 
 
-def steps_of(worth: WorthDesign, study: RunStudy) -> list[WorthStep]:
-    """The five steps; raises DasError if fewer than three drivers finished the trials of one."""
-    measured = by_case(study)
-    return [_step(claim, worth, measured) for claim in CLAIMS]
-
-
 def _step(claim: Claim, worth: WorthDesign, measured: Cases) -> WorthStep:
     before, after = measured[claim.before], measured[claim.after]
     saved = before[claim.measure] - after[claim.measure]
@@ -352,8 +346,12 @@ class WorthFindings:
 
 
 def findings(worth: WorthDesign, folder: Path) -> WorthFindings:
-    """The findings of a worth study from its table of trials; DasError for a table that cannot be used."""
-    return WorthFindings(worth=worth, steps=steps_of(worth, read_study(folder)))
+    """The findings of a worth study from its table of trials.
+
+    Raises DasError for a table that cannot be used, or if fewer than three drivers finished the trials of a step.
+    """
+    measured = by_case(read_study(folder))
+    return WorthFindings(worth=worth, steps=[_step(claim, worth, measured) for claim in CLAIMS])
 
 
 def print_findings(found: WorthFindings) -> None:

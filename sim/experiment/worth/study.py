@@ -17,7 +17,6 @@ from das.domain.files.reading import Fields, read_text, read_toml
 from das.domain.files.writing import write_whole
 from precompute.workers import Workers
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
-from sim.drivers.parameters import DEFAULT, load_population
 from sim.experiment.checking import checked_in
 from sim.experiment.design import (
     DESIGN_JSON,
@@ -29,6 +28,7 @@ from sim.experiment.design import (
     People,
     Procedure,
     defaults,
+    population_of,
     real,
     study_name,
 )
@@ -110,9 +110,7 @@ def load_worth(name_or_path: str, drivers: int | None = None) -> WorthDesign:
     fields.check_keys(["schema_version", "worth", "inputs"])
     main = fields.table("worth")
     main.check_keys(["name", "title", "scenario", "drivers", "seed", "population"])
-    population = main.text("population", DEFAULT)
-    population = str((fields.source.parent / population).resolve()) if population.endswith(".toml") else population
-    load_population(population)
+    population = population_of(main)
     scenario = FACTORS["scenario"].read(main, "scenario", main.data.get("scenario", MISSING))
     inputs, count = _inputs(fields.table("inputs"), day_of(scenario.value)), main.whole("drivers", DRAWN_DRIVERS, 8)
     factor = Factor(name=CASE, levels=tuple(_cases(inputs)), within=True)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from das.cab.cab import warm_up
+from das.command_line.printing import Progressed
 from das.domain.errors import DasError
 from das.domain.files.load import catalogue
 from das.domain.files.reading import Fields
@@ -30,7 +31,7 @@ from sim.drivers.parameters import DEFAULT, Participant, load_population, partic
 from sim.drivers.screen import recorded_screen
 from sim.options import WhatIfKind, typed_command
 from sim.recording.opening import OF, WHAT_IF, put, sha256, vehicle_files
-from sim.runs.reproduce import HeardAgain, node_given
+from sim.runs.reproduce import node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 from sim.world.disturbances import AnnouncedRestriction, DepartureDelay, as_figures
@@ -209,10 +210,6 @@ def _on_the_day(one: AnnouncedRestriction) -> AnnouncedRestriction | None:
     return replace(one, valid_from_s=begins, valid_until_s=ends)
 
 
-BEFORE_THE_CHOICE: Final = FrictionPolicy.BY_ADVICE
-"""Braking of human drivers in recordings from before a `FrictionPolicy` could be chosen."""
-
-
 def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[Day, How]:
     """The recorded run with the changes of the what-if, and its driver; DasError if it cannot be simulated.
 
@@ -235,7 +232,7 @@ def day_again(origin: Origin, new: Otherwise, node: str | None = None) -> tuple[
     return _restricted(day, new), replace(how, metadata=metadata)
 
 
-def drive_again(day: Day, how: How, out: Path, progress: HeardAgain) -> None:
+def drive_again(day: Day, how: How, out: Path, progress: Progressed) -> None:
     """Simulate the run into a recording, node and recorder as separate processes; DasError if that is impossible."""
     assert not isinstance(how.driver, External)
     drive_day(day, day.driver(how.driver, how.friction), how, out, progress)
@@ -287,8 +284,9 @@ def _how(origin: Origin, new: Otherwise) -> How:
     if driven.friction is not None and driver is not DriverKind.HUMAN:
         raise DasError(f"--friction {driven.friction}: needs --driver {DriverKind.HUMAN}")
     shown = Presentation.GUIDE if origin.has_guide else Presentation.SPEED_AND_EFFORT
-    # The energy of a real drive is estimated with the electric brake first; the new run brakes in the same way.
-    missing = BEFORE_THE_CHOICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
+    # Human drivers braked by the advice before a policy could be chosen. The energy of a real drive is estimated with
+    # the electric brake first; the new run brakes in the same way.
+    missing = FrictionPolicy.BY_ADVICE if origin.is_simulated else FrictionPolicy.ELECTRIC_FIRST
     try:
         return How(
             driver=driver,

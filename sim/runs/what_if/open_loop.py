@@ -16,30 +16,20 @@ from das.bus import codec
 from das.bus.recorder import RecordingFile
 from das.bus.recording import RecordedMessage, recording_of
 from das.bus.scanning import UNCHECKED
-from das.bus.topics import JOURNEY, RESTRICTION, STATUS, encode_restriction, message_time_ns
+from das.bus.topics import JOURNEY, RESTRICTION, encode_restriction, message_time_ns
 from das.cab.cab import warm_up
 from das.cab.heard import RestrictionsHeard
+from das.command_line.printing import Progressed
 from das.domain.clocks import Clocks
 from das.domain.errors import DasError
 from das.domain.files.writing import refuse_link
-from das.node.process import CabPlan, plan_cab
+from das.node.process import CabPlan
 from sim.drive.comparison import SAME_ADVICE_MPS
 from sim.drive.events import place_text
 from sim.drive.table import DriveTable
 from sim.options import NodeSaid, WhatIfKind
 from sim.recording.opening import NODE_ARGUMENTS, open_contents, sha256, vehicle_files
-from sim.runs.reproduce import (
-    BY_THE_WALL,
-    COMPARED,
-    EXTRACT,
-    HeardAgain,
-    NodeGiven,
-    Rehearing,
-    by_bus_clock,
-    node_given,
-    of_the_process,
-    without_waiting,
-)
+from sim.runs.reproduce import EXTRACT, NodeGiven, Rehearing, is_of_cab, node_given
 from sim.runs.what_if.origin import Origin
 from sim.runs.what_if.otherwise import CabOtherwise, Otherwise
 
@@ -47,7 +37,7 @@ OWN_FILES = ("vehicle", "loss_map")
 """The kinds of attached files that are replaced when the what-if has another vehicle."""
 
 
-def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: HeardAgain) -> list[str]:
+def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, progress: Progressed) -> list[str]:
     """Write the recorded drive with the advice of a cab whose settings are changed; returns notes for the user.
 
     All messages that do not come from the cab are written as recorded, except the restrictions and the train of the
@@ -58,25 +48,23 @@ def advise_otherwise(origin: Origin, new: Otherwise, said: NodeSaid, out: Path, 
     given = node_given(origin.contents, origin.train, origin.folder, said.node)
     given.typed, given.words = (_words(words, new) for words in (given.typed, given.words))
     given.words += ["--tables", str(said.tables)] if said.tables is not None else []
-    options = given.options()
-    plan = plan_cab(options)
+    hearing = Rehearing(given.options())
+    plan = hearing.plan
     plan.situation.vehicle.loss_model(plan.situation.level or plan.situation.vehicle.default_level)
     warm_up()
-    by_bus = by_bus_clock(options)
-    hearing = Rehearing(without_waiting(plan).cab, by_bus, options.advice.calibrate)
     messages = list(_heard_otherwise(origin.messages, new, plan))
     with whole_recording(out, messages[0].log_time_ns) as file:
         file.add_metadata("run", _run(origin, given, new, plan))
         _describe(file, origin, new.cab)
         for number, (one, words) in enumerate(hearing.steps(messages), start=1):
-            if one.topic not in COMPARED or (one.topic is STATUS and of_the_process(one.message)):
+            if not is_of_cab(one):
                 file.add(one.topic, one.topic.key(one.train), one.message, one.log_time_ns)
             for word in words:
                 # The recorder leaves out messages that a node sends before a simulation has set its clock.
-                if not by_bus or message_time_ns(word.message):
+                if not hearing.by_bus_clock or message_time_ns(word.message):
                     file.add(word.topic, word.topic.key(one.train), word.message, one.log_time_ns)
             progress(number, len(messages))
-    return [*given.notes, *([] if by_bus else [BY_THE_WALL])]
+    return [*given.notes, *hearing.notes]
 
 
 def _words(words: Sequence[str], new: Otherwise) -> list[str]:

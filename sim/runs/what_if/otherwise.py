@@ -84,18 +84,8 @@ class Otherwise:
 
     def described(self) -> list[str]:
         """Each change in words; empty if there is none."""
-        cab, driven = self.cab, self.driven
-        named = {
-            "loss level": cab.level,
-            "vehicle": cab.vehicle,
-            "load": cab.load,
-            "driver": driven.driver,
-            "advice": driven.advice,
-            "friction": driven.friction,
-            "participant": driven.participant,
-            "population": driven.population,
-        }
-        said = [f"{name} {value}" for name, value in named.items() if value is not None]
+        named = {("loss level" if name == "level" else name): value for name, value in vars(self.cab).items()}
+        said = [f"{name} {value}" for name, value in (named | vars(self.driven)).items() if value is not None]
         said += ["without the recorded restrictions"] if self.without_restrictions else []
         return [*said, *(f"restriction to {one.words}" for one in self.restrictions)]
 

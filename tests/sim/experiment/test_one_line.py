@@ -18,8 +18,8 @@ from precompute.workers import Made, Workers
 from sim.drivers.kinds import DriverKind, Presentation
 from sim.experiment import trials
 from sim.experiment.one_line import DaysAsked, parse_participants, parse_seeds
-from sim.experiment.runner import attempted
-from sim.experiment.trials import TrialJob, jobs_of, make_trial
+from sim.experiment.runner import TrialJob, attempted
+from sim.experiment.trials import jobs_of, make_trial
 from sim.world import loop
 from tests.support.flat_days import FLAT
 from tests.support.making import das_sim, refusal, started, wait_until

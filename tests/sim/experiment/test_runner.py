@@ -15,7 +15,8 @@ from das.command_line.process import STOP_SIGNALS
 from das.domain.errors import DasError
 from precompute.workers import Workers
 from sim.experiment import runner
-from sim.experiment.runner import JobRecording, JobWords, Journal, Runner
+from sim.experiment.driving import JobRecording
+from sim.experiment.runner import JobWords, Journal, Runner
 
 WORDS = JobWords("test", "jobs", "make")
 

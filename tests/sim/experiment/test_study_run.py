@@ -16,9 +16,9 @@ from das.bus.recording import read_recording
 from precompute.workers import Workers
 from sim.drivers.screen import ScreenSettings, screen_metadata
 from sim.experiment.design import Design, read_design
-from sim.experiment.runner import Journal, attempted
+from sim.experiment.runner import Journal, TrialJob, attempted
 from sim.experiment.study_files import FAILED_TABLE, README, TRIALS_TABLE, column_meanings
-from sim.experiment.trials import TrialJob, jobs_of, make_trial, run_study
+from sim.experiment.trials import jobs_of, make_trial, run_study
 from tests.support.dask_cluster import running_cluster
 from tests.support.making import REPOSITORY, das_sim, das_sim_json, refusal
 from tests.support.needs import need_r

@@ -128,7 +128,7 @@ def test_without_a_day_in_common_pairs_are_by_driver() -> None:
     pairs = paired_trials(replace(STUDY, trials=replace(STUDY.trials, day=day)), SPEED_AND_EFFORT)
     assert (len(pairs.owner), pairs.same_day) == (7, False)
     alike = paired_trials(STUDY, SPEED_AND_EFFORT)
-    assert pairs.differences == pytest.approx(alike.by_participant(alike.differences))
+    assert pairs.differences == pytest.approx(alike.means)
 
 
 def test_groups_are_compared_by_the_means_of_their_drivers() -> None:
