@@ -99,18 +99,20 @@ class TrainNumbers(NamedTuple):
     electric_curve: NDArray[np.float64]
 
 
-class Actuators(NamedTuple):
-    """Dead times (s) and rates of the forces (N/s) for the kernels (see `sim.plant.plant.Dynamics`)."""
+class Actuator(NamedTuple):
+    """The dead time (s) of a force and the rates at which it builds up and falls (N/s), for the kernels."""
 
-    traction_dead_s: float
-    traction_rise_n_per_s: float
-    traction_fall_n_per_s: float
-    electric_dead_s: float
-    electric_rise_n_per_s: float
-    electric_fall_n_per_s: float
-    friction_dead_s: float
-    friction_rise_n_per_s: float
-    friction_fall_n_per_s: float
+    dead_s: float
+    rise_n_per_s: float
+    fall_n_per_s: float
+
+
+class Actuators(NamedTuple):
+    """The actuators of the forces for the kernels (see `sim.plant.plant.Dynamics`)."""
+
+    traction: Actuator
+    electric: Actuator
+    friction: Actuator
 
 
 class LossNumbers(NamedTuple):
@@ -298,12 +300,12 @@ def demanded(u, into, v, p):
 
 
 @kernel
-def _built_up(before, target, waited, dead, rise, fall, dt):
+def _built_up(before, target, waited, actuator, dt):
     """Magnitude (N) of a force after a step: it begins to fall immediately, but to rise only after its dead time."""
     if target <= before:
-        return max(target, before - fall * dt)
-    usable = dt if before > 0.0 else min(max(waited + dt - dead, 0.0), dt)
-    return min(target, before + rise * usable)
+        return max(target, before - actuator.fall_n_per_s * dt)
+    usable = dt if before > 0.0 else min(max(waited + dt - actuator.dead_s, 0.0), dt)
+    return min(target, before + actuator.rise_n_per_s * usable)
 
 
 @kernel
@@ -353,17 +355,9 @@ def step(x, u, began, into, dt, line, p, a, c):
     pulls, electric, rubs = _shared(asked, u.friction_ratio, ahead, rail, supply, p)
 
     # The build-up of each force; the motors either pull or brake.
-    pulled = _built_up(
-        max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction_dead_s,
-        a.traction_rise_n_per_s, a.traction_fall_n_per_s, dt,
-    )  # fmt: skip
-    braked = _built_up(
-        max(-el0, 0.0), electric if el0 <= 0.0 else 0.0, x.electric_waited_s, a.electric_dead_s,
-        a.electric_rise_n_per_s, a.electric_fall_n_per_s, dt,
-    )  # fmt: skip
-    rubbed = _built_up(
-        -fr0, rubs, x.friction_waited_s, a.friction_dead_s, a.friction_rise_n_per_s, a.friction_fall_n_per_s, dt
-    )
+    pulled = _built_up(max(el0, 0.0), pulls if el0 >= 0.0 else 0.0, x.traction_waited_s, a.traction, dt)
+    braked = _built_up(max(-el0, 0.0), electric if el0 <= 0.0 else 0.0, x.electric_waited_s, a.electric, dt)
+    rubbed = _built_up(-fr0, rubs, x.friction_waited_s, a.friction, dt)
     el1 = pulled - braked
     el = max(min(0.5 * (el0 + el1), traction_effort(middle, rail, p)), -electric_effort(middle, rail, p))
     fr = max(0.5 * (fr0 - rubbed), min(-brake_effort(middle, rail, p) - el, 0.0))

@@ -29,6 +29,7 @@ from sim.plant.kernels import (
     LEVER,
     NO_LIMIT_N,
     SPEED,
+    Actuator,
     Actuators,
     Command,
     LineNumbers,
@@ -36,11 +37,6 @@ from sim.plant.kernels import (
     PlantState,
     TrainNumbers,
 )
-
-__all__ = [
-    "COAST", "Command", "Dynamics", "Efforts", "Patch", "Plant", "PlantState",
-    "checked", "force", "lever", "lever_ratio", "speed", "train_numbers",
-]  # fmt: skip
 
 NO_LIMIT_MPS2 = 1e6
 """An acceleration that no train reaches (finite, so that products stay defined)."""
@@ -187,19 +183,13 @@ class Dynamics:
         """Dead times and rates of the forces of a train."""
         jerk_n_per_s = self.jerk_mps3 * train.inertial_mass_kg
 
-        def rate(force_n: float, over_s: float) -> float:
-            return min(force_n / over_s, jerk_n_per_s)
+        def actuator(force_n: float, dead_s: float, rise_s: float, fall_s: float) -> Actuator:
+            return Actuator(dead_s, min(force_n / rise_s, jerk_n_per_s), min(force_n / fall_s, jerk_n_per_s))
 
         return Actuators(
-            self.traction_dead_s,
-            rate(train.traction_force_n, self.traction_rise_s),
-            rate(train.traction_force_n, self.traction_fall_s),
-            self.electric_dead_s,
-            rate(train.electric_force_n, self.electric_rise_s),
-            rate(train.electric_force_n, self.electric_fall_s),
-            self.friction_dead_s,
-            rate(train.friction_force_n, self.friction_rise_s),
-            rate(train.friction_force_n, self.friction_fall_s),
+            actuator(train.traction_force_n, self.traction_dead_s, self.traction_rise_s, self.traction_fall_s),
+            actuator(train.electric_force_n, self.electric_dead_s, self.electric_rise_s, self.electric_fall_s),
+            actuator(train.friction_force_n, self.friction_dead_s, self.friction_rise_s, self.friction_fall_s),
         )
 
 
@@ -267,13 +257,6 @@ class Plant:
     def at(self, s_m: float, speed_mps: float = 0.0, time_s: float = 0.0) -> PlantState:
         """A state to start from, without any force."""
         return PlantState(float(time_s), float(s_m), float(speed_mps))
-
-    def step(self, state: PlantState, command: Command) -> PlantState:
-        """The state one step later."""
-        after: PlantState = kernels.step(
-            state, command, state.time_s, 0.0, self.step_s, self._line, self._train, self._actuators, self._loss
-        )
-        return after
 
     def advance(self, state: PlantState, command: Command, duration_s: float = 1.0) -> PlantState:
         """The state after a time under one command; DasError if the time is not a whole number of steps."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from math import isnan
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -25,11 +24,14 @@ from sim.recording.opening import is_session, missing_files, versions
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """The rate of a topic: number of messages, messages per second, and usual and longest interval between two (s)."""
+    """The rate of a topic: number of messages, messages per second, and usual and longest interval between two (s).
+
+    None: not known, because there is only one message, or all have one time.
+    """
 
     messages: int
-    per_s: float
-    interval_s: float
+    per_s: float | None
+    interval_s: float | None
     longest_gap_s: float
 
 
@@ -42,9 +44,9 @@ def rate_of(recording: Recording, topic: Topic) -> Rate | None:
     span_s = float(time_ns[-1] - time_ns[0]) * NS
     return Rate(
         messages=len(time_ns),
-        per_s=len(steps_s) / span_s if span_s > 0 else float("nan"),
-        interval_s=float(np.median(steps_s)) if len(steps_s) else float("nan"),
-        longest_gap_s=float(steps_s.max()) if len(steps_s) else 0.0,
+        per_s=len(steps_s) / span_s if span_s > 0 else None,
+        interval_s=float(np.median(steps_s)) if len(steps_s) else None,
+        longest_gap_s=float(steps_s.max(initial=0.0)),
     )
 
 
@@ -245,10 +247,7 @@ class Checked:
             "sound": not self.findings,
             "complete": self.recording.complete,
             "figures": self.numbers,
-            "topics": {
-                name: {key: None if isnan(value) else value for key, value in vars(rate).items()}
-                for name, rate in self.rates.items()
-            },
+            "topics": {name: vars(rate) for name, rate in self.rates.items()},
             "findings": [
                 {"kind": str(one.kind), "text": one.text, **({"time_ns": one.time_ns} if one.time_ns else {})}
                 for one in self.findings
@@ -260,10 +259,11 @@ class Checked:
         """A row of texts for each topic, under `RATE_COLUMNS`."""
         rows = []
         for name, rate in self.rates.items():
-            times = (rate.interval_s, rate.longest_gap_s)
+            per_s = "–" if rate.per_s is None else f"{rate.per_s:.2f}"
             # A topic with a single message has no gap.
-            interval, gap = ("–" if isnan(value) or rate.messages < 2 else f"{value:.1f} s" for value in times)
-            rows.append((name, str(rate.messages), "–" if isnan(rate.per_s) else f"{rate.per_s:.2f}", interval, gap))
+            times = (rate.interval_s, rate.longest_gap_s)
+            interval, gap = ("–" if rate.interval_s is None else f"{value:.1f} s" for value in times)
+            rows.append((name, str(rate.messages), per_s, interval, gap))
         return rows
 
     def lines(self) -> list[str]:

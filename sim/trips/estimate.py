@@ -71,18 +71,15 @@ class EnergyRange:
 class DrivenEstimate:
     """A driven run with the forces that this vehicle would have needed.
 
-    `index[i]` is the point of the run at node i of the trajectory. `traction_n` and `brakes_n` are the largest forces
-    of the vehicle at the speed of each interval, and `beyond` marks intervals in which the run needs more for 8 s; then
-    the train was another one, or the positions are inaccurate. `lacking_ratio` is the largest share of the force needed
-    for 8 s that the vehicle lacks.
+    `index[i]` is the point of the run at node i of the trajectory. `beyond` marks intervals in which the run needs more
+    force for 8 s than the vehicle has; then the train was another one, or the positions are inaccurate. `lacking_ratio`
+    is the largest share of the force needed for 8 s that the vehicle lacks.
     """
 
     trajectory: Trajectory
     balance: EnergyBalance
     energy_input_j: Floats
     index: NDArray[np.intp]
-    traction_n: Floats
-    brakes_n: Floats
     beyond: NDArray[np.bool_]
     lacking_ratio: float
 
@@ -116,7 +113,6 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
     motors_limit = np.where(may_feed_back, electric_limit, 0.0)
     electric = np.clip(force, -motors_limit, traction)
     friction = np.minimum(force + motors_limit, 0.0)
-    brakes_limit = vehicle.brake_effort_n(mean)
     t = time_s[index]
     trajectory = Trajectory(
         s_m=node,
@@ -131,14 +127,13 @@ def estimate_run(section: Section, time_s: Floats, s_m: Floats, speed_mps: Float
         supply=profile.supply,
     )
     loss = _loss_w(section, electric, mean) * np.diff(t)
-    (pulls, lacking_traction), (holds, lacking_brakes) = _beyond(t, force, traction), _beyond(t, -force, brakes_limit)
+    pulls, lacking_traction = _beyond(t, force, traction)
+    holds, lacking_brakes = _beyond(t, -force, vehicle.brake_effort_n(mean))
     return DrivenEstimate(
         trajectory=trajectory,
         balance=trajectory.balance_with(vehicle, loss),
         energy_input_j=np.concatenate(([0.0], np.cumsum(trajectory.input_j(loss)))),
         index=index,
-        traction_n=traction,
-        brakes_n=brakes_limit,
         beyond=pulls | holds,
         lacking_ratio=max(lacking_traction, lacking_brakes),
     )

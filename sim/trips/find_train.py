@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from das.domain.units import KMH, NS, STANDARD_GRAVITY_MPS2
 from das.domain.vehicle import Vehicle
 from das.estimate.calibration import NORMAL_MAD, SLOWEST_MPS, SPEED_SD_MPS, LineIntegral, MeasuredWindow
 from sim.trips.estimate import CHOICE_OVERSPEED_RATIO, ESTIMATE_BEYOND_RATIO, ESTIMATE_HELD_S
+from sim.trips.record import Bools
 from sim.trips.trip import Trip
 
 WINDOW_SAMPLES: Final = 12
@@ -199,13 +200,12 @@ def _tried(trip: Trip, names: tuple[str, ...], vehicle: Vehicle, noise_mps: floa
             f"{trip.path}: too short to find its train: {len(windows)} stretches of {WINDOW_SAMPLES} s above "
             f"{SLOWEST_MPS / KMH:.0f} km/h, expected at least {WINDOW_LEAST}"
         )
-    fits = [_WindowFit.of(means, brakes_n, vehicle) for means, brakes_n in windows]
-    posterior = RATIOS.log_prior + WINDOW_WEIGHT * sum(one.log_density for one in fits)
+    log_densities, too_much = zip(*(_fit(means, brakes_n, vehicle) for means, brakes_n in windows), strict=True)
+    posterior = RATIOS.log_prior + WINDOW_WEIGHT * sum(log_densities)
     evidence = _log_sum(posterior)
     weight = np.exp(posterior - evidence)
     (mass, mass_sd), (resistance, resistance_sd) = (_moments(one, weight) for one in (RATIOS.mass, RATIOS.resistance))
-    best = int(posterior.argmax())
-    beyond = np.array([one.beyond[best] for one in fits])
+    beyond = np.array(too_much)[:, posterior.argmax()]
     found = FoundTrain(
         names=names,
         vehicle=vehicle,
@@ -278,41 +278,35 @@ class Ratios:
         self.log_prior = log_prior - _log_sum(log_prior)
 
 
-class _WindowFit(NamedTuple):
-    """The fit of a window to a train for every pair of ratios (pairs,), and whether it needs more than full effort."""
+def _fit(means: MeasuredWindow, full_brakes_n: float, train: Vehicle) -> tuple[Floats, Bools]:
+    """The fit of a window to a train for every pair of ratios (pairs,), and whether it needs more than full effort.
 
-    log_density: Floats
-    beyond: Floats
-
-    @classmethod
-    def of(cls, means: MeasuredWindow, full_brakes_n: float, train: Vehicle) -> _WindowFit:
-        """The density of the acceleration (per m/s²) as a mixture of the acts of drivers.
-
-        Coasting has no force, full traction the full effort; a driver who holds a speed hardly accelerates; anything
-        else lies within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
-        """
-        a = means.acceleration_mps2
-        carried_kg = RATIOS.mass * train.mass_kg
-        moved_kg = carried_kg + train.mass_kg * train.rotating_mass_ratio
-        c0_n = RATIOS.mass * train.resistance.c0_n
-        held_n = carried_kg * means.line_mps2 + RATIOS.resistance * (c0_n + means.moving_n) + means.tunnel_n
-        force_n = moved_kg * a + held_n
-        full_n = np.maximum(np.minimum(means.force_n, moved_kg * train.max_acceleration_mps2 + held_n), 1.0)
-        brakes_n = np.minimum(full_brakes_n, moved_kg * WINDOW_HARDEST_BRAKING_MPS2)
-        line_n = WINDOW_LINE_SD_RATIO * carried_kg * STANDARD_GRAVITY_MPS2
-        sd_n = np.sqrt(moved_kg**2 * means.acceleration_variance + line_n**2)
-        full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOW_FULL_SD_RATIO * full_n) ** 2)
-        held_sd = math.hypot(math.sqrt(means.acceleration_variance), WINDOW_HELD_SD_MPS2)
-        below = _step((full_n - force_n) / full_sd_n)
-        density = moved_kg * (
-            SHARE_COASTING * _normal(force_n / sd_n) / sd_n
-            + SHARE_FULL * _normal((force_n - full_n) / full_sd_n) / full_sd_n
-        )
-        density += SHARE_HELD * float(_normal(a / held_sd)) / held_sd * below
-        density += SHARE_TRACTION * np.minimum(_step(force_n / sd_n), below)
-        density += SHARE_BRAKING * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
-        beyond = force_n - CHOICE_CERTAIN_SDS * sd_n > ESTIMATE_BEYOND_RATIO * full_n
-        return cls(np.log(density + SHARE_UNEXPLAINED), beyond.astype(float))
+    The fit is the logarithm of the density of the acceleration (per m/s²), a mixture of the acts of drivers: coasting
+    has no force, full traction the full effort; a driver who holds a speed hardly accelerates; anything else lies
+    within the effort of the train. F = µ·m·(a + line) + rotating·a + κ·(µ·c0 + c1·v + c2·v²) + q·v².
+    """
+    a = means.acceleration_mps2
+    carried_kg = RATIOS.mass * train.mass_kg
+    moved_kg = carried_kg + train.mass_kg * train.rotating_mass_ratio
+    c0_n = RATIOS.mass * train.resistance.c0_n
+    held_n = carried_kg * means.line_mps2 + RATIOS.resistance * (c0_n + means.moving_n) + means.tunnel_n
+    force_n = moved_kg * a + held_n
+    full_n = np.maximum(np.minimum(means.force_n, moved_kg * train.max_acceleration_mps2 + held_n), 1.0)
+    brakes_n = np.minimum(full_brakes_n, moved_kg * WINDOW_HARDEST_BRAKING_MPS2)
+    line_n = WINDOW_LINE_SD_RATIO * carried_kg * STANDARD_GRAVITY_MPS2
+    sd_n = np.sqrt(moved_kg**2 * means.acceleration_variance + line_n**2)
+    full_sd_n = np.sqrt(sd_n**2 + means.force_variance + (WINDOW_FULL_SD_RATIO * full_n) ** 2)
+    held_sd = math.hypot(math.sqrt(means.acceleration_variance), WINDOW_HELD_SD_MPS2)
+    below = _step((full_n - force_n) / full_sd_n)
+    density = moved_kg * (
+        SHARE_COASTING * _normal(force_n / sd_n) / sd_n
+        + SHARE_FULL * _normal((force_n - full_n) / full_sd_n) / full_sd_n
+    )
+    density += SHARE_HELD * float(_normal(a / held_sd)) / held_sd * below
+    density += SHARE_TRACTION * np.minimum(_step(force_n / sd_n), below)
+    density += SHARE_BRAKING * np.minimum(_step(-force_n / sd_n), _step((force_n + brakes_n) / sd_n))
+    beyond = force_n - CHOICE_CERTAIN_SDS * sd_n > ESTIMATE_BEYOND_RATIO * full_n
+    return np.log(density + SHARE_UNEXPLAINED), beyond
 
 
 def _normal(off: Any) -> Any:

@@ -72,9 +72,9 @@ class Points:
     """Points of a record that are kept, arrays of shape (points,); `point` is the index in the record.
 
     `along_m` is the chainage, later the position on the route; `aside_m` is the distance from the line, NaN if the
-    position was computed from speeds. `missing`,
-    `dropout` and `spike` mark the reason why a speed is not the reported one. `slowed_to_mps` is the speed from
-    positions at an end of the record at which only positions show that the train stands; elsewhere it is NaN.
+    position was computed from speeds. `missing`, `dropout` and `spike` mark the reason why a speed is not the reported
+    one. `slowed_to_mps` is the speed from positions at an end of the record at which only positions show that the train
+    stands; elsewhere it is NaN.
     """
 
     point: Ints
@@ -321,8 +321,9 @@ def slowed_to(time_s: Floats, along_m: Floats, untold: Bools) -> Floats:
     return found
 
 
-def left_over(speed_mps: float) -> tuple[float, float]:
-    """Largest distance (m) and time (s) in which a train at this speed comes to a stop, or has started."""
+def left_over(slowed_to_mps: Floats) -> tuple[float, float]:
+    """Largest distance (m) and time (s) in which a train at these speeds (NaN: none) comes to a stop or has started."""
+    speed_mps = float(np.nan_to_num(slowed_to_mps).max())
     return speed_mps**2 / (2.0 * GENTLE_MPS2), speed_mps / GENTLE_MPS2
 
 
@@ -451,18 +452,13 @@ def match_trip(
         offset_m=offset_m,
         scale=scale,
         anchor=anchor,
-        stand_uncertainty_m=left_over(_fastest(points.slowed_to_mps))[0],
+        stand_uncertainty_m=left_over(points.slowed_to_mps)[0],
         median_cross_track_m=float(np.nanmedian(aside_m)) if known else None,
         p95_cross_track_m=float(np.nanpercentile(aside_m, 95)) if known else None,
         max_cross_track_m=float(np.nanmax(aside_m)) if known else None,
         cleaning=log.report(len(points), record.unread),
     )
     return _with_invalid(record, points, report)
-
-
-def _fastest(slowed_to_mps: Floats) -> float:
-    """The highest speed (m/s) at an end that was assumed to be a stand; 0 if none was."""
-    return float(np.nan_to_num(slowed_to_mps).max())
 
 
 def _pinned(along_m: Floats, found: list[Stand]) -> Floats:
@@ -558,7 +554,7 @@ def _log_section(record: Record, points: Points, end_stop: Stop, log: FindingLog
     ):
         log.add(kind, record, at[which], _speeds(record, at[which], points, which))
     slowed = np.isfinite(points.slowed_to_mps)
-    reach_m, reach_s = left_over(_fastest(points.slowed_to_mps))
+    reach_m, reach_s = left_over(points.slowed_to_mps)
     log.add(
         FindingKind.SLOWS_TO_STAND, record, at[slowed], f"the stand is up to {reach_m:.1f} m and {reach_s:.0f} s beyond"
     )

@@ -20,7 +20,7 @@ from das.domain.units import KMH, NS
 from das.domain.vehicle import Vehicle
 from das.solver.section import Section, build_section
 from sim.options import TripOptions
-from sim.recording.course import DrivenCourse, stood_ns
+from sim.recording.course import stood_ns
 from sim.recording.opening import AttachedFiles
 from sim.trips.cleaning import LEAST_KEPT_RATIO, FindingKind, FindingLog, find_gaps, in_order
 from sim.trips.matching import AT_PLATFORM_M, WANDER_M, MatchedTrip, match_trip, runs_back, stands
@@ -69,8 +69,27 @@ class Trip:
 
     @property
     def stands(self) -> tuple[StandFound, ...]:
-        """The standstills of the train, in order."""
-        return stands_found(self.matched, self.route, self.run.course)
+        """The standstills of the train in order, timed as for every drive."""
+        matched, course, found = self.matched, self.run.course, []
+        last, time_ns = len(matched.time_ns) - 1, matched.time_ns
+        for stand in stands(matched.standing):
+            inside = stand.first > 0 and stand.last < last
+            if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < SHORTEST_STAND_S:
+                continue
+            s_m = float(matched.s_m[stand.last])
+            stop = min(self.route.stops, key=lambda stop: abs(stop.position_m - s_m))
+            there = abs(stop.position_m - s_m) <= AT_PLATFORM_M
+            _, came_ns, left_ns = stood_ns(s_m, WANDER_M, course, matched)
+            found.append(
+                StandFound(
+                    s_m=s_m,
+                    stop=stop.name if there else None,
+                    off_m=s_m - stop.position_m if there else None,
+                    arrival_ns=came_ns or int(time_ns[stand.first]) if stand.first > 0 else None,
+                    departure_ns=left_ns or int(time_ns[stand.last]) if stand.last < last else None,
+                )
+            )
+        return tuple(found)
 
     @property
     def ran_ns(self) -> tuple[int, int]:
@@ -213,30 +232,6 @@ class StandFound:
         if self.arrival_ns is None or self.departure_ns is None:
             return None
         return (self.departure_ns - self.arrival_ns) * NS
-
-
-def stands_found(matched: MatchedTrip, route: Route, course: DrivenCourse) -> tuple[StandFound, ...]:
-    """The stands of a trip in order, timed as for every drive; `course` is its smooth run."""
-    found = []
-    last, time_ns = len(matched.time_ns) - 1, matched.time_ns
-    for stand in stands(matched.standing):
-        inside = stand.first > 0 and stand.last < last
-        if inside and (time_ns[stand.last] - time_ns[stand.first]) * NS < SHORTEST_STAND_S:
-            continue
-        s_m = float(matched.s_m[stand.last])
-        stop = min(route.stops, key=lambda stop: abs(stop.position_m - s_m))
-        there = abs(stop.position_m - s_m) <= AT_PLATFORM_M
-        _, came_ns, left_ns = stood_ns(s_m, WANDER_M, course, matched)
-        found.append(
-            StandFound(
-                s_m=s_m,
-                stop=stop.name if there else None,
-                off_m=s_m - stop.position_m if there else None,
-                arrival_ns=came_ns or int(time_ns[stand.first]) if stand.first > 0 else None,
-                departure_ns=left_ns or int(time_ns[stand.last]) if stand.last < last else None,
-            )
-        )
-    return tuple(found)
 
 
 def open_trip(trip_path: Path, options: TripOptions, folder: Path) -> tuple[TripOptions, Trip]:

@@ -161,49 +161,6 @@ class Processes:
     paced: bool = False
 
 
-class Stations:
-    """The endpoints of simulator, node and recorder: free ports of this machine, or the endpoints of a bus folder."""
-
-    def __init__(self, processes: Processes) -> None:
-        self._processes = processes
-        self._ports = [endpoint(port) for port in free_ports(3)]
-        if processes.driver_at is not None:
-            self._ports[0] = processes.driver_at
-        if processes.recorder_at is not None:
-            self._ports[1] = processes.recorder_at
-
-    def open_bus(self) -> Bus:
-        """Open the simulator's own session, which receives the messages of node, recorder and an external driver."""
-        driver = () if self._processes.driver_at is None else (CONTROLS,)
-        hear, files = (ADVICE, STATUS, RECORDER, *driver), self._processes.bus
-        if files is not None:
-            return Bus(self._processes.train, hear=hear, file=files.file(Role.SIMULATOR))
-        return Bus(self._processes.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
-
-    def start_recorder(self) -> Process:
-        """Start the recorder of the run."""
-        processes = self._processes
-        metadata = {**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments, ensure_ascii=False)}
-        arguments = [*self._place(1, Role.RECORDER), "--out", str(processes.out), "--overwrite"]
-        arguments += ["--metadata", json.dumps(metadata), "--start-ns", str(processes.start_ns)]
-        for path in processes.attachments:
-            arguments += ["--attach", str(path)]
-        return Process("recorder", "das.recorder", arguments)
-
-    def start_node(self) -> Process:
-        """Start a node that uses the simulation's clock."""
-        arguments = [*self._place(2, Role.NODE), "--clock", "bus", *self._processes.node_arguments]
-        return Process("node", "das.node", arguments)
-
-    def _place(self, own: int, role: Role) -> Sequence[str]:
-        """Arguments with the train, and a bus file or endpoints; the process listens on the port with index `own`."""
-        if self._processes.bus is not None:
-            return ["--train", self._processes.train, *self._processes.bus.file(role).arguments()]
-        others = [port for i, port in enumerate(self._ports) if i != own]
-        connect = [word for port in others for word in ("--connect", port)]
-        return ["--train", self._processes.train, "--listen", self._ports[own], *connect]
-
-
 def location(time_ns: int, latitude_deg: float, longitude_deg: float) -> LocationFix:
     """The message on the position of the train on the map."""
     fix = LocationFix(latitude=latitude_deg, longitude=longitude_deg, frame_id="train")
@@ -338,22 +295,53 @@ class Lockstep:
     """Node and recorder as processes on a separate bus; a context manager. Raises DasError if one fails."""
 
     def __init__(self, processes: Processes) -> None:
-        self.processes, self.traffic = processes, Traffic()
-        self._stations, self.answers = Stations(processes), Answers()
+        self.processes, self.traffic, self.answers = processes, Traffic(), Answers()
+        given = (processes.driver_at, processes.recorder_at, None)
+        self._ports = [endpoint(free) if at is None else at for at, free in zip(given, free_ports(3), strict=True)]
+        """The endpoints of simulator, recorder and node without a bus folder."""
         self._asked_tick = 0
         self._told_ns = {RESTRICTION.name: 0, TARGET.name: 0}
 
     def __enter__(self) -> Lockstep:
         with ExitStack() as stack:
-            self._recorder = stack.enter_context(self._stations.start_recorder())
-            self._node = self._stations.start_node()
+            self._recorder = stack.enter_context(self._start_recorder())
+            self._node = self._start_node()
             stack.callback(lambda: self._node.__exit__(None, None, None))
-            self.bus = stack.enter_context(self._stations.open_bus())
+            self.bus = stack.enter_context(self._open_bus())
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
+
+    def _open_bus(self) -> Bus:
+        """The simulator's own session, which receives the messages of node, recorder and an external driver."""
+        driver = () if self.processes.driver_at is None else (CONTROLS,)
+        hear, files = (ADVICE, STATUS, RECORDER, *driver), self.processes.bus
+        if files is not None:
+            return Bus(self.processes.train, hear=hear, file=files.file(Role.SIMULATOR))
+        return Bus(self.processes.train, listen=self._ports[0], connect=self._ports[1:], hear=hear)
+
+    def _start_recorder(self) -> Process:
+        processes = self.processes
+        metadata = {**processes.metadata, NODE_ARGUMENTS: json.dumps(processes.node_arguments, ensure_ascii=False)}
+        arguments = [*self._place(1, Role.RECORDER), "--out", str(processes.out), "--overwrite"]
+        arguments += ["--metadata", json.dumps(metadata), "--start-ns", str(processes.start_ns)]
+        for path in processes.attachments:
+            arguments += ["--attach", str(path)]
+        return Process("recorder", "das.recorder", arguments)
+
+    def _start_node(self) -> Process:
+        arguments = [*self._place(2, Role.NODE), "--clock", "bus", *self.processes.node_arguments]
+        return Process("node", "das.node", arguments)
+
+    def _place(self, own: int, role: Role) -> Sequence[str]:
+        """Arguments with the train, and a bus file or endpoints; the process listens on the port with index `own`."""
+        if self.processes.bus is not None:
+            return ["--train", self.processes.train, *self.processes.bus.file(role).arguments()]
+        others = [port for i, port in enumerate(self._ports) if i != own]
+        connect = [word for port in others for word in ("--connect", port)]
+        return ["--train", self.processes.train, "--listen", self._ports[own], *connect]
 
     def begin(self, journey: JourneyHeard) -> None:
         """Wait until node and recorder have started, send the journey, and wait until the node has accepted it."""
@@ -379,7 +367,7 @@ class Lockstep:
         self._node.kill()
         self._node.__exit__(None, None, None)
         self.answers.node_state = NodeState.STARTING
-        self._node = self._stations.start_node()
+        self._node = self._start_node()
         if not paced:
             self._until_taken()
 
@@ -401,7 +389,7 @@ class Lockstep:
         self._ask(now_ns, tick)
         self._until(lambda: answers.advised(tick), ANSWER_TIMEOUT_S, f"the node's advice for second {tick}")
         self._until(lambda: tick - answers.written.tick <= RECORDER_WINDOW, ANSWER_TIMEOUT_S, "the recorder to keep up")
-        self._count(answers.advice)
+        self.traffic.counts = self.traffic.counts.plus(answers.advice)
         return answers.advice
 
     def request(self, now_ns: int, tick: int) -> None:
@@ -413,7 +401,7 @@ class Lockstep:
         """The newest advice received since the last call; None without any."""
         advice, self.answers.advice = self.answers.advice, None
         if advice is not None:
-            self._count(advice)
+            self.traffic.counts = self.traffic.counts.plus(advice)
         return advice
 
     def finish(self, now_ns: int) -> None:
@@ -450,9 +438,6 @@ class Lockstep:
         )
         if answers.node_state == refused:
             raise DasError(f"the node: {answers.reason}")
-
-    def _count(self, advice: Any) -> None:
-        self.traffic.counts = self.traffic.counts.plus(advice)
 
     def hear(self, done: Callable[[], bool], timeout_s: float, *, watch_node: bool = True) -> bool:
         """Receive messages until a condition holds; False after the timeout, DasError if a process has ended."""

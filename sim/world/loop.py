@@ -149,7 +149,7 @@ class World:
             calls=tuple(calls.kept()),
             legs=tuple(legs),
             counts=self._counts,
-            violations=self._around.violations,
+            violations=self._around.watch.found,
             stability=self._shown_watch.found,
             instructions=self._instruction_watch.found,
             decisions=tuple(kept_by(self.driver)),

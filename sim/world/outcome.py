@@ -30,7 +30,7 @@ from sim.drivers.kinds import DriverKind, DriverName, FrictionPolicy, Presentati
 from sim.recording.course import minutes
 from sim.world.lockstep import Counts
 from sim.world.loop import Run
-from sim.world.service import Day, Service, true_sections
+from sim.world.service import Day, true_sections
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -193,6 +193,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
     whole = day.plant.balance(run.legs[0][0], run.legs[-1][1])
     above = above_optimum(day, run)
     own_braking_j, no_own_braking = _own_braking(day, run, driver)
+    times_ns = np.array([service.moment_ns(state.time_s) for state in run.states])
     return DayOutcome(
         scenario=service.scenario.id,
         seed=day.seed,
@@ -213,7 +214,7 @@ def outcome(day: Day, run: Run, driver: DriverName | None = None) -> DayOutcome:
         balance=whole,
         counts=run.counts,
         simulated_s=len(run.states) - 1,
-        passings=_passings(service, run),
+        passings=keep(service.passings, times_ns, np.array([state.s_m for state in run.states])),
     )
 
 
@@ -224,11 +225,6 @@ def _own_braking(day: Day, run: Run, driver: DriverName | None) -> tuple[float |
     except InfeasibleError as error:
         return None, str(error)
     return sum(solution.balance.input for solution in braking), ""
-
-
-def _passings(service: Service, run: Run) -> tuple[KeptPassing, ...]:
-    times = np.array([service.moment_ns(state.time_s) for state in run.states])
-    return keep(service.passings, times, np.array([state.s_m for state in run.states]))
 
 
 def _parts(balance: EnergyBalance) -> dict[str, float]:
@@ -349,7 +345,12 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         ("    speed profile", kwh_words(energies.profile_j, signed=True)),
         (f"  optimum braking as {braking}", "not known" if own_j is None else kwh_words(own_j)),
     ]
-    rows += _balance_rows(found)
+    rows += [
+        ("  at stops on the way", kwh_words(energies.at_stops_j, signed=True)),
+        ("energy including stops, the sum of", kwh_words(found.balance.input)),
+        *((f"  {PART_WORDS[name]}", kwh_words(part_j, signed=True)) for name, part_j in found.balance.parts.items()),
+        ("comfort systems, not part of it", kwh_words(found.balance.comfort)),
+    ]
     counts, traffic = found.counts, result.traffic
     told = f"{counts.advised}, {counts.withdrawn} withdrawn, {counts.unheard} not received"
     rows.append(("advice messages", told))
@@ -358,16 +359,6 @@ def _rows(result: DayResult) -> list[tuple[str, str]]:
         rows.append(("messages recorded / lost", f"{traffic.recorded.total()} / {traffic.lost}"))
     rows.append(("simulated", f"{found.simulated_s} s at {result.real_time_factor:.0f} × real time"))
     return rows
-
-
-def _balance_rows(found: DayOutcome) -> list[tuple[str, str]]:
-    parts = found.balance.parts.items()
-    return [
-        ("  at stops on the way", kwh_words(found.energies.at_stops_j, signed=True)),
-        ("energy including stops, the sum of", kwh_words(found.balance.input)),
-        *((f"  {PART_WORDS[name]}", kwh_words(energy_j, signed=True)) for name, energy_j in parts),
-        ("comfort systems, not part of it", kwh_words(found.balance.comfort)),
-    ]
 
 
 def _notes(result: DayResult) -> list[str]:

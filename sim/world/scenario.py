@@ -56,21 +56,6 @@ def read_range(table: Fields, key: str) -> Drawn:
     return Drawn(low=low, high=high)
 
 
-def read_quantity(table: Fields, name: str, dimension: str, default: float | None) -> Drawn:
-    """Read a quantity, or a range of values, in SI units; the key ends in the unit used in the file.
-
-    Raises InputError for anything else.
-    """
-    key, *more = table.given_keys(name, dimension) or [name]
-    if not isinstance(table.data.get(key), Mapping):
-        value = table.quantity(name, dimension, default, unbounded=True)
-        return Drawn(low=value, high=value)
-    if more:
-        raise table.error(more[0], table.data[more[0]], f"only one of {key} and {more[0]}")
-    unit, drawn = key[len(name) + 1 :], read_range(table, key)
-    return Drawn(low=to_si(drawn.low, unit, dimension), high=to_si(drawn.high, unit, dimension))
-
-
 def key_of(table: Fields, name: str, dimension: str) -> str:
     """The key of a quantity in the file; the bare name of the quantity if the file does not give it."""
     return next(iter(table.given_keys(name, dimension)), name)
@@ -95,12 +80,6 @@ class Truth:
     load: str | None = None
     level: Level | None = None
     loss_map: Path | None = None
-
-    @property
-    def changes_adhesion(self) -> bool:
-        """Whether the adhesion can differ from the adhesion of a dry rail."""
-        adhesion = self.conditions["adhesion_ratio"]
-        return (adhesion.low, adhesion.high) != (1.0, 1.0)
 
     @property
     def is_as_planned(self) -> bool:
@@ -162,7 +141,7 @@ def _adhesive_mass(table: Fields) -> float | None:
     if not table.has(key):
         return None
     mass_kg = table.quantity("adhesive_mass", "mass")
-    if not 0 < mass_kg < np.inf:
+    if mass_kg <= 0:
         raise table.error(key, table.data[key], "a finite mass > 0")
     return mass_kg
 
@@ -507,9 +486,17 @@ def _planned(table: Fields) -> PlannedDisturbance:
 
 
 def _read_within(table: Fields, quantity: tuple[str, str], default: float | None, ends: tuple[float, float]) -> Drawn:
-    """Read a quantity, given by name and dimension, or a range of it; InputError for one beyond its ends (SI)."""
-    figure, key = read_quantity(table, *quantity, default), key_of(table, *quantity)
-    if not ends[0] <= figure.low <= figure.high <= ends[1] or np.isinf(figure.high):
-        expected = range_expected(key[len(quantity[0]) + 1 :], quantity[1], ends)
+    """Read a quantity, given by name and dimension, or a range of it (SI); InputError for one beyond its ends (SI)."""
+    (name, dimension), key = quantity, key_of(table, *quantity)
+    unit = key[len(name) + 1 :]
+    if isinstance(table.data.get(key), Mapping):
+        for more in table.given_keys(name, dimension)[1:]:
+            raise table.error(more, table.data[more], f"only one of {key} and {more}")
+        drawn = read_range(table, key)
+        low, high = to_si(drawn.low, unit, dimension), to_si(drawn.high, unit, dimension)
+    else:
+        low = high = table.quantity(name, dimension, default, unbounded=True)
+    if not ends[0] <= low <= high <= ends[1] or np.isinf(high):
+        expected = range_expected(unit, dimension, ends)
         raise table.error(key, table.data[key], f"{expected}, or {{min = …, max = …}} in this order")
-    return figure
+    return Drawn(low=low, high=high)

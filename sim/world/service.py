@@ -38,7 +38,7 @@ from sim.drivers.parameters import HumanParameters, Participant, stream_of
 from sim.plant.plant import Patch, Plant
 from sim.recording.opening import input_files, sha256, vehicle_files
 from sim.world.disturbances import DepartureDelay, Disturbance, HeadWind, SlipperyRail, as_figures
-from sim.world.scenario import Scenario, Truth
+from sim.world.scenario import Drawn, Scenario, Truth
 
 if TYPE_CHECKING:
     from das.offline.asked_journey import Journey
@@ -216,21 +216,20 @@ def load_of(scenario: Scenario, route: Route, vehicle: Vehicle) -> str | None:
 
 def scenario_files(scenario: Scenario) -> dict[str, Path]:
     """The files of a scenario, including its own, by their role; raises DasError if one is missing."""
+    truth = scenario.truth
     try:
-        return {
-            "scenario": scenario.source,
-            **input_files(scenario.route, scenario.vehicle),
-            **({} if scenario.journey is None else {"journey": locate_journey(scenario.journey)}),
-            **({} if scenario.loss_map is None else {"loss_map": _there("scenario.loss_map", scenario.loss_map)}),
-            **{f"true_{name}": path for name, path in _true_files(scenario.truth).items()},
-        }
+        files = {"scenario": scenario.source, **input_files(scenario.route, scenario.vehicle)}
+        if scenario.journey is not None:
+            files["journey"] = locate_journey(scenario.journey)
+        if scenario.loss_map is not None:
+            files["loss_map"] = _there("scenario.loss_map", scenario.loss_map)
+        if truth.vehicle is not None:
+            files |= {f"true_{name}": path for name, path in vehicle_files(truth.vehicle).items()}
+        if truth.loss_map is not None:
+            files["true_loss_map"] = _there("truth.loss_map", truth.loss_map)
+        return files
     except DasError as error:
         raise DasError(f"{scenario.source}: scenario: {error}") from None
-
-
-def _true_files(truth: Truth) -> dict[str, Path]:
-    files = {} if truth.vehicle is None else vehicle_files(truth.vehicle)
-    return files if truth.loss_map is None else {**files, "loss_map": _there("truth.loss_map", truth.loss_map)}
 
 
 def _there(key: str, path: Path) -> Path:
@@ -259,8 +258,9 @@ def _stops(scenario: Scenario, route: Route) -> tuple[Stop, ...]:
 def _check_day(scenario: Scenario, planned: Vehicle, level: Level, stops: Sequence[Stop]) -> None:
     """Raise DasError for a disturbance that cannot happen at its place or stop, or with the true train."""
     vehicle, _ = scenario.truth.train(planned, level)
-    slips = scenario.truth.changes_adhesion or any(x.kind == "slippery-rail" for x in scenario.disturbances)
-    if slips and math.isinf(vehicle.adhesive_mass_kg):
+    slips = any(x.kind == "slippery-rail" for x in scenario.disturbances)
+    is_dry = scenario.truth.conditions["adhesion_ratio"] == Drawn(low=1.0, high=1.0)
+    if (slips or not is_dry) and math.isinf(vehicle.adhesive_mass_kg):
         expected = f"the mass on driven axles, which {vehicle.source} does not give"
         raise DasError(f"{scenario.source}: truth.adhesive_mass_t is missing: expected {expected}")
     first_m, last_m = stops[0].position_m, stops[-1].position_m

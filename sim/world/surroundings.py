@@ -134,18 +134,9 @@ class Watch:
     def __init__(self, length_m: float) -> None:
         self._length_m = length_m
         self._passed: set[float] = set()
-        self._beyond_m, self._over_s, self._over_mps = 0.0, 0.0, 0.0
         self._is_over = False
-
-    @property
-    def found(self) -> Violations:
+        self.found = Violations()
         """The violations of the run so far."""
-        return Violations(
-            signals_passed=len(self._passed),
-            beyond_signal_m=self._beyond_m,
-            over_limit_s=self._over_s,
-            over_limit_mps=self._over_mps,
-        )
 
     def take(
         self,
@@ -166,11 +157,11 @@ class Watch:
         beyond_m = state.s_m - signal_m
         if beyond_m <= BEYOND_M:
             return []
-        self._beyond_m = max(self._beyond_m, beyond_m)
-        if signal_m in self._passed:
-            return []
+        is_new = signal_m not in self._passed
         self._passed.add(signal_m)
-        return [f"signal at km {signal_m / KM:.1f} passed at danger"]
+        furthest_m = max(self.found.beyond_signal_m, beyond_m)
+        self.found = replace(self.found, signals_passed=len(self._passed), beyond_signal_m=furthest_m)
+        return [f"signal at km {signal_m / KM:.1f} passed at danger"] if is_new else []
 
     def _speed(self, state: PlantState, span_s: float, limit_mps: float, temporary: Sequence[Restriction]) -> list[str]:
         here = [x.limit_mps for x in temporary if x.is_under(state.s_m, state.s_m, self._length_m)]
@@ -179,11 +170,9 @@ class Watch:
         self._is_over = over_mps > OVER_MPS
         if not self._is_over:
             return []
-        self._over_s += span_s
-        self._over_mps = max(self._over_mps, over_mps)
-        if was_over:
-            return []
-        return [f"{kmh(state.speed_mps):.0f} km/h where {kmh(allowed_mps):.0f} are allowed"]
+        over_s, most_mps = self.found.over_limit_s + span_s, max(self.found.over_limit_mps, over_mps)
+        self.found = replace(self.found, over_limit_s=over_s, over_limit_mps=most_mps)
+        return [] if was_over else [f"{kmh(state.speed_mps):.0f} km/h where {kmh(allowed_mps):.0f} are allowed"]
 
 
 DELAY_EVERY_S = 10
@@ -197,27 +186,31 @@ class Surroundings:
     def __init__(self, day: Day) -> None:
         self._service = day.service
         self.news, self.calls = DayNews(day), Calls(day)
-        self._localisation, self._train_control = SimulatedLocalisation(day), TrainControl(day)
+        self._localisation = SimulatedLocalisation(day)
+        self._effort_random = np.random.default_rng([day.seed, FORCE_STREAM])
         line = day.service.line
         self._limit, self._over_train = _Steps(line.limits_mps), _Steps(line.line_limits_mps)
         self._gradient = _Steps(day.service.route.gradients_ratio)
         self._late_s = math.nan
-        self._watch = Watch(day.plant.vehicle.train_length_m)
+        self.watch = Watch(day.plant.vehicle.train_length_m)
         self._compared_s, self._deviation_s = -math.inf, math.nan
         # Without restrictions an empty list is sent, because a node without a list must not advise.
         self._sent: tuple[tuple[Any, ...] | None, tuple[Any, ...]] = (None, ())
 
-    @property
-    def violations(self) -> Violations:
-        """The violations of the run so far."""
-        return self._watch.found
-
     def measure(self, state: PlantState) -> list[Heard]:
         """The measured values of the sensors in a state; to be called once a tick, even if the values are not sent."""
-        fix, effort = self._localisation.measure(state), self._train_control.measure(state)
+        fix, noise_ratio = self._localisation.measure(state), self._service.scenario.sensors.force_noise_ratio
         self._late_s = self._delay_s(state)
         measured: list[Heard] = [] if fix is None else [PositionHeard(fix=fix)]
-        return measured if effort is None else [*measured, EffortHeard(effort=effort)]
+        if noise_ratio is not None:
+            electric, friction = (1.0 + noise_ratio * self._effort_random.standard_normal(2)).tolist()
+            effort = Effort(
+                time_ns=self._service.moment_ns(state.time_s),
+                force_el_n=electric * state.force_el_n,
+                force_friction_n=friction * state.force_friction_n,
+            )
+            measured.append(EffortHeard(effort=effort))
+        return measured
 
     def operators(self, tick: int, now_ns: int, state: PlantState) -> Iterator[Heard]:
         """The operators' messages that reach the node at a tick: delay (at intervals), new restrictions and targets."""
@@ -270,7 +263,7 @@ class Surroundings:
     def follow(self, before: PlantState, after: PlantState, span_s: float) -> list[str]:
         """Record arrivals, departures and violations in a motion that took `span_s`; returns a sentence about each."""
         called = self.calls.take(before, after)
-        violated = self._watch.take(
+        violated = self.watch.take(
             after,
             span_s,
             signal_m=self.news.signal_m,
@@ -462,22 +455,3 @@ class SimulatedLocalisation:
             spread_m = math.hypot(fix.uncertainty_m, fault.size_m)
             return replace(fix, s_m=fix.s_m + off_m, uncertainty_m=spread_m, quality=Quality.DEGRADED)
         return replace(self._last or fix, time_ns=fix.time_ns)
-
-
-class TrainControl:
-    """The measurement of efforts by train control in a run; call `measure` once a tick."""
-
-    def __init__(self, day: Day) -> None:
-        self._service, self._noise_ratio = day.service, day.service.scenario.sensors.force_noise_ratio
-        self._random = np.random.default_rng([day.seed, FORCE_STREAM])
-
-    def measure(self, state: PlantState) -> Effort | None:
-        """The measured forces in a state, each with independent noise; None if the scenario has no measured forces."""
-        if self._noise_ratio is None:
-            return None
-        electric, friction = (1.0 + self._noise_ratio * self._random.standard_normal(2)).tolist()
-        return Effort(
-            time_ns=self._service.moment_ns(state.time_s),
-            force_el_n=electric * state.force_el_n,
-            force_friction_n=friction * state.force_friction_n,
-        )

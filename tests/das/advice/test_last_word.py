@@ -280,7 +280,7 @@ def test_friction_that_plans_exclude_counts_up_to_the_service_deceleration(
         plant = Plant(make_route(END_M, [(0.0, HIGH)]), train)
         state = plant.at(END_M - way_m, model.bound_mps(END_M - way_m))
         while state.speed_mps > 0.0:
-            state = plant.step(state, lever(-1.0))
+            state = plant.advance(state, lever(-1.0), plant.step_s)
         assert state.s_m < END_M + beyond_m
 
 

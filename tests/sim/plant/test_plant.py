@@ -44,7 +44,7 @@ def states_of(plant: Plant, state: PlantState, command: Command, seconds: float)
     """The state and those after each step."""
     states = [state]
     for _ in range(round(seconds / plant.step_s)):
-        states.append(plant.step(states[-1], command))
+        states.append(plant.advance(states[-1], command, plant.step_s))
     return states
 
 
@@ -101,18 +101,18 @@ def test_coasting_with_quadratic_drag_to_a_standstill() -> None:
     plant = Plant(flat(60_000.0), make_train(resistance=(c0, 0.0, c2)))
     state = plant.at(0.0, v0)
     while state.speed_mps > 0:
-        state = plant.step(state, COAST)
+        state = plant.advance(state, COAST, plant.step_s)
     assert state.s_m == pytest.approx(mass / (2 * c2) * math.log1p(c2 * v0**2 / c0), rel=1e-6)
     whole_s = mass / math.sqrt(c0 * c2) * math.atan(v0 * math.sqrt(c2 / c0))
     assert state.time_s - plant.step_s < whole_s <= state.time_s + 1e-9
-    assert plant.step(state, COAST).s_m == state.s_m
+    assert plant.advance(state, COAST, plant.step_s).s_m == state.s_m
 
 
 def test_a_train_stops_within_a_step_where_its_kinetic_energy_is_spent() -> None:
     train = make_train(loss=EfficiencyLoss(traction_ratio=0.0, brake_ratio=0.0, idle_w=1e5))
     plant = Plant(flat(100.0), train)
     start = plant.at(0.0, 0.03)._replace(force_el_n=-1e5)
-    stopped = plant.step(start, force(-1e5))
+    stopped = plant.advance(start, force(-1e5), plant.step_s)
     assert stopped.speed_mps == 0
     assert stopped.s_m == pytest.approx(0.03**2 / 2.0, rel=1e-9)
     assert stopped.component_loss_j == pytest.approx(1e5 * 0.03, rel=1e-9)
@@ -124,7 +124,7 @@ def test_full_traction_on_the_power_hyperbola_takes_the_time_of_a_quadrature() -
     plant = Plant(load_route("flat-6km"), vehicle, dynamics=INSTANT)
     state = plant.at(0.0, 5.0)
     while state.speed_mps < 40.0:
-        before, state = state, plant.step(state, lever(1.0))
+        before, state = state, plant.advance(state, lever(1.0), plant.step_s)
     v = np.linspace(5.0, 40.0, 200_001)
     pull = vehicle.traction_effort_n(v) - vehicle.resistance.force_n(v)
     time_s = np.trapezoid(vehicle.inertial_mass_kg / pull, v)
@@ -288,7 +288,7 @@ def test_no_force_changes_faster_than_its_rate_or_the_jerk_limit() -> None:
     for _ in range(300):
         command = lever(random.uniform(-1.0, 1.0))
         for _ in range(random.integers(1, 20)):
-            before, state = state, plant.step(state, command)
+            before, state = state, plant.advance(state, command, plant.step_s)
             el, fr = state.force_el_n - before.force_el_n, state.force_friction_n - before.force_friction_n
             assert abs(el) <= 0.7 * 1e5 * plant.step_s * 1.0001 or state.speed_mps == 0
             assert -8e4 / 4.0 * plant.step_s * 1.0001 <= fr <= 8e4 / 15.0 * plant.step_s * 1.0001
@@ -349,7 +349,7 @@ def test_on_a_slippery_rail_only_adhesion_is_transmitted_and_the_run_up_is_longe
     def run_up(plant: Plant) -> list[PlantState]:
         states = [plant.at(0.0)]
         while states[-1].speed_mps < 20.0:
-            states.append(plant.step(states[-1], lever(1.0)))
+            states.append(plant.advance(states[-1], lever(1.0), plant.step_s))
         return states
 
     for plant, ratio in ((dry, 1.0), (slippery, 0.4)):
@@ -364,7 +364,7 @@ def test_on_a_slippery_rail_only_adhesion_is_transmitted_and_the_run_up_is_longe
         state = plant.at(0.0, 25.0)
         while state.speed_mps > 0:
             assert -(state.force_el_n + state.force_friction_n) <= ratio * 1e5 * G * 0.34
-            state = plant.step(state, lever(-1.0))
+            state = plant.advance(state, lever(-1.0), plant.step_s)
         braked_m.append(state.s_m)
     v = np.linspace(0.0, 25.0, 100_001)
     most = np.minimum(
@@ -382,7 +382,7 @@ def test_patches_hold_for_the_share_of_the_train_on_them_and_for_their_time() ->
     def pulls(s_m: float, time_s: float) -> float:
         state = plant.at(s_m, 10.0, time_s)
         for _ in range(3):
-            state = plant.step(state, lever(1.0))
+            state = plant.advance(state, lever(1.0), plant.step_s)
         return state.force_el_n / (2e4 * G * float(adhesion_coefficient(state.speed_mps)))
 
     assert pulls(1100.0, 0.0) == pytest.approx(1.0, abs=1e-3)
@@ -435,7 +435,7 @@ def test_at_level_l0_noreg_nothing_comes_back() -> None:
 def test_the_true_train_may_be_heavier_and_stiffer_than_the_plans() -> None:
     train = make_train(resistance=(2e3, 0.0, 6.0))
     plant = Plant(flat(9000.0), train, conditions=Conditions(mass_ratio=1.2, resistance_ratio=1.5), dynamics=INSTANT)
-    state = plant.step(plant.step(plant.at(0.0, 20.0), force(6e4)), force(6e4))
+    state = plant.advance(plant.at(0.0, 20.0), force(6e4), 2 * plant.step_s)
     resisting = 1.5 * (1.2 * 2e3 + 6.0 * 400.0)
     assert state.acceleration_mps2 == pytest.approx((6e4 - resisting) / 1.2e5, rel=2e-3)
 
@@ -444,7 +444,7 @@ def test_a_lever_is_a_share_of_what_the_train_can_do_on_a_dry_rail() -> None:
     train = blended(traction=EffortEnvelope(max_force_n=1e5, max_power_w=1e6))
     plant = Plant(flat(60_000.0), train, dynamics=INSTANT)
     for ratio, full in ((0.5, 1e6 / 25.0), (1.0, 1e6 / 25.0), (-0.5, 1.8e5)):
-        state = plant.step(plant.step(plant.at(0.0, 25.0), lever(ratio)), lever(ratio))
+        state = plant.advance(plant.at(0.0, 25.0), lever(ratio), 2 * plant.step_s)
         total = state.force_el_n + state.force_friction_n
         assert total == pytest.approx(ratio * full, rel=5e-3)
 
