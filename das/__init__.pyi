@@ -16,33 +16,15 @@ from .domain.route import Route as Route
 from .domain.trajectory import EnergyBalance as EnergyBalance
 from .domain.trajectory import Trajectory as Trajectory
 from .domain.vehicle import Vehicle as Vehicle
-from .front_door import (
-    build_section as build_section,
-)
-from .front_door import (
-    front_points as front_points,
-)
-from .front_door import (
-    in_service as in_service,
-)
-from .front_door import (
-    plan_journey as plan_journey,
-)
-from .front_door import (
-    plot as plot,
-)
-from .front_door import (
-    read_table as read_table,
-)
-from .front_door import (
-    refined as refined,
-)
-from .front_door import (
-    solve as solve,
-)
-from .front_door import (
-    to_pandas as to_pandas,
-)
+from .front_door import build_section as build_section
+from .front_door import front_points as front_points
+from .front_door import in_service as in_service
+from .front_door import plan_journey as plan_journey
+from .front_door import plot as plot
+from .front_door import read_table as read_table
+from .front_door import refined as refined
+from .front_door import solve as solve
+from .front_door import to_pandas as to_pandas
 from .offline.asked_journey import Journey as Journey
 from .offline.chains import Split as Split
 from .offline.journey import JourneyPlan as JourneyPlan

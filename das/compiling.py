@@ -20,7 +20,7 @@ import shutil
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -29,17 +29,6 @@ from typing import Any, ClassVar, Self
 import llvmlite
 import numba
 import numpy as np
-from numba.core import compiler, dispatcher
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
-from numba.core.codegen import JITCodeLibrary
-from numba.core.registry import CPUDispatcher
-from numba.core.runtime.nrt import rtsys
-from numba.core.sigutils import normalize_signature
-from numba.core.types import unliteral
-from numba.core.typing.templates import make_concrete_template
-from numba.misc.appdirs import AppDirs
-
-from das.domain.errors import DasError
 
 try:
     import fcntl
@@ -52,18 +41,7 @@ KEPT_VERSIONS = 4
 HASH_DIGITS = 16
 LONGEST_WAIT_S, LOOK_AGAIN_S = 60.0, 0.02
 """Longest wait (s) for another process that compiles the needed kernel, and the interval (s) of the checks."""
-_numba_settings: Any = numba.config
-_NumbaCache: Any = FunctionCache
-_NumbaForm: Any = CompileResultCacheImpl
-_NumbaPlace: Any = InTreeCacheLocator
-_numba_compiler: Any = compiler
-_numba_dispatcher: Any = dispatcher
-_NumbaLibrary: Any = JITCodeLibrary
-_NumbaCompiler: Any = _numba_dispatcher._FunctionCompiler
-_NumbaDispatcher: Any = CPUDispatcher
-_numba_template: Any = make_concrete_template
-_numba_signature: Any = normalize_signature
-_unliteral: Any = unliteral
+_numba: Any = numba  # its functions have no types
 OUR_PACKAGES = frozenset({"das", "precompute", "sim"})
 _FROM = re.compile(rb"^[ \t]*from[ \t]+([\w.]+)[ \t]+import[ \t]*(\([^)]*\)|[^\n#]*)", re.MULTILINE)
 _IMPORT = re.compile(rb"^[ \t]*import[ \t]+([^\n#]*)", re.MULTILINE)
@@ -76,7 +54,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     """
 
     def decorated(function: Any) -> Any:
-        if _numba_settings.DISABLE_JIT:
+        if _numba.config.DISABLE_JIT:
             return function
         chosen = {"nopython": True, "nogil": True, "error_model": "numpy", "boundscheck": None, **options}
         return _Kernel(function, targetoptions=chosen)
@@ -84,7 +62,7 @@ def compiled(**options: Any) -> Callable[[Any], Any]:
     return decorated
 
 
-class _Part(_NumbaLibrary):  # type: ignore[misc]
+class _Part(_numba.core.codegen.JITCodeLibrary):  # type: ignore[misc]
     """A kernel as LLVM IR, for the kernels that call it; each caller compiles it together with its own code.
 
     Numba by itself would also generate machine code, which is never called, and wrappers for calls from outside. The
@@ -101,23 +79,23 @@ class _Part(_NumbaLibrary):  # type: ignore[misc]
         self._finalized = True
 
 
-class _PartCompiler(_NumbaCompiler):  # type: ignore[misc]
+class _PartCompiler(_numba.core.dispatcher._FunctionCompiler):  # type: ignore[misc]
     """Compiles a function for the kernels that call it."""
 
     def _compile_core(self, args: Any, return_type: Any) -> Any:
         context, target = self.targetdescr.typing_context, self.targetdescr.target_context
-        flags = _numba_compiler.Flags()
+        flags = _numba.core.compiler.Flags()
         self.targetdescr.options.parse_as_flags(flags, self.targetoptions)
         flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
         library = _Part(target.codegen(), self.py_func.__qualname__)
         given = (context, target, self.py_func, args, return_type, flags, self.locals)
-        part = _numba_compiler.compile_extra(*given, library=library, pipeline_class=self.pipeline_class)
+        part = _numba.core.compiler.compile_extra(*given, library=library, pipeline_class=self.pipeline_class)
         part = part._replace(entry_point=object())  # numba uses it to find the part for a call
         target.insert_user_function(part.entry_point, part.fndesc, [library])
         return part
 
 
-class _WholeCompiler(_NumbaCompiler):  # type: ignore[misc]
+class _WholeCompiler(_numba.core.dispatcher._FunctionCompiler):  # type: ignore[misc]
     """Compiles a function for calls from Python, together with all kernels that it calls."""
 
     def _customize_flags(self, flags: Any) -> Any:
@@ -131,7 +109,7 @@ class _WholeCompiler(_NumbaCompiler):  # type: ignore[misc]
         return whole
 
 
-class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
+class _Kernel(_numba.core.registry.CPUDispatcher):  # type: ignore[misc]
     """A compiled function. Python calls it as a whole, kernels call it as a part; both are compiled when first needed.
 
     Kernels never call the version for Python, even if it exists, so that the order of calls cannot change what is
@@ -160,18 +138,18 @@ class _Kernel(_NumbaDispatcher):  # type: ignore[misc]
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """The call template of this kernel for these argument types; numba requests it while it compiles the caller."""
         pysig, args = self._part_compiler.fold_argument_types(args, kws)
-        args = tuple(_unliteral(given) for given in args)  # else a part is compiled for each constant
+        args = tuple(_numba.core.types.unliteral(given) for given in args)  # else a part is compiled for each constant
         if args not in self._parts:
             self._parts[args] = self._part_compiler.compile(args, None)
         name, signatures = self.py_func.__name__, [part.signature for part in self._parts.values()]
-        return _numba_template(name, name, signatures), pysig, args, {}
+        return _numba.core.typing.templates.make_concrete_template(name, name, signatures), pysig, args, {}
 
     def get_overload(self, sig: Any) -> Any:
         """The key by which numba finds the part with this signature."""
-        return self._parts[tuple(_numba_signature(sig)[0])].entry_point
+        return self._parts[tuple(_numba.core.sigutils.normalize_signature(sig)[0])].entry_point
 
 
-class _Place(_NumbaPlace):  # type: ignore[misc]
+class _Place(_numba.core.caching.InTreeCacheLocator):  # type: ignore[misc]
     """The place of a function's compiled code for numba; each version of a module has its own folder."""
 
     def __init__(self, function: Any, source_path: str) -> None:
@@ -184,11 +162,11 @@ class _Place(_NumbaPlace):  # type: ignore[misc]
         return None if _folder(function.__module__) is None else cls(function, source_path)
 
 
-class _KeptForm(_NumbaForm):  # type: ignore[misc]
+class _KeptForm(_numba.core.caching.CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes: ClassVar = [_Place]
 
 
-class _KeptKernels(_NumbaCache):  # type: ignore[misc]
+class _KeptKernels(_numba.core.caching.FunctionCache):  # type: ignore[misc]
     """Numba's cache of one function; it is in our folder, and it loads kept code without loading the compiler.
 
     Before it loads a kept function, numba imports everything that it would need to compile one: its library of
@@ -205,7 +183,7 @@ class _KeptKernels(_NumbaCache):  # type: ignore[misc]
         If another process is compiling the function, the call waits. If the result is None, this process must
         compile the function.
         """
-        rtsys.initialize(target_context)
+        _numba.core.runtime.nrt.rtsys.initialize(target_context)
         with self._guard_against_spurious_io_errors():
             found = self._load_overload(sig, target_context)
             if found is None:
@@ -264,11 +242,10 @@ def cache_root() -> Path | None:
 
 
 def _places() -> Iterator[Path]:
-    if _numba_settings.CACHE_DIR:
-        yield Path(_numba_settings.CACHE_DIR)
+    if _numba.config.CACHE_DIR:
+        yield Path(_numba.config.CACHE_DIR)
     yield Path(__file__).parent / "__pycache__"
-    user_dirs: Any = AppDirs
-    yield Path(user_dirs(appname="numba", appauthor=False).user_cache_dir)
+    yield Path(_numba.misc.appdirs.AppDirs(appname="numba", appauthor=False).user_cache_dir)
 
 
 @cache
@@ -293,11 +270,11 @@ def _folder(module: str) -> Path | None:
 def _key(module: str) -> str | None:
     """The hash of everything that a module's compiled code depends on; None if a source file is not installed."""
     try:
-        sources = sources_of([module], packages=OUR_PACKAGES | {module.partition(".")[0]})
-    except (SourcesMissingError, ImportError, AttributeError, OSError):
+        sources = sources_of(module)
+    except (ImportError, AttributeError, OSError):
         return None
     # Numba's own key has the processor and the versions of Python and numba, but not what follows.
-    settings = f"{llvmlite.__version__} {np.__version__} {_numba_settings.BOUNDSCHECK} {_numba_settings.OPT}"
+    settings = f"{llvmlite.__version__} {np.__version__} {_numba.config.BOUNDSCHECK} {_numba.config.OPT}"
     digest = hashlib.sha256(settings.encode())
     for name, text in sources.items():
         digest.update(f"{name} {len(text)}\n".encode() + text)
@@ -311,24 +288,21 @@ def _remove_old_versions(folder: Path) -> None:
             shutil.rmtree(path, ignore_errors=True)
 
 
-class SourcesMissingError(DasError):
-    """The source file of a module is not installed, so its compiled code cannot be identified."""
-
-
-def sources_of(modules: Collection[str], *, packages: Collection[str] = OUR_PACKAGES) -> dict[str, bytes]:
-    """The source text of modules and of all modules of `packages` that they import, directly or not, by name.
+def sources_of(module: str) -> dict[str, bytes]:
+    """The source text of a module, and of all modules of its package or ours that it imports, directly or not, by name.
 
     Imports inside functions count as well. `from package import name` counts as an import of the package, and of the
-    module `package.name` if there is one. Raises SourcesMissingError if a source file is not installed.
+    module `package.name` if there is one. Raises FileNotFoundError if a source file is not installed.
     """
+    packages = OUR_PACKAGES | {module.partition(".")[0]}
     found: dict[str, bytes] = {}
-    waiting = list(modules)
+    waiting = [module]
     while waiting:
         name = waiting.pop()
         if name in found:
             continue
         found[name], imported = _read(name)
-        waiting += [module for module in imported if module.partition(".")[0] in packages]
+        waiting += [one for one in imported if one.partition(".")[0] in packages]
     return dict(sorted(found.items()))
 
 
@@ -337,7 +311,7 @@ def _read(name: str) -> tuple[bytes, tuple[str, ...]]:
     """The source text of a module, and the modules that it may import."""
     path = _path(name)
     if path is None:
-        raise SourcesMissingError(f"{name}: its source file is not installed")
+        raise FileNotFoundError(f"{name}: its source file is not installed")
     text = path.read_bytes()
     return text, tuple(_imported(text, name if path.name == "__init__.py" else name.rpartition(".")[0]))
 

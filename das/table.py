@@ -143,9 +143,8 @@ class Table:
 
 def table_content(facts: Mapping[str, Any], key: str, found: Mapping[str, Any], references: References) -> bytes:
     """The content of a table's file; `found` holds its settings, the least time, and the front."""
-    words = {kind: word for word, kind in KINDS.items()}
     finished = [
-        {**one._asdict(), "phases": [[words[phase.kind], *phase[1:]] for phase in one.phases]}
+        {**one._asdict(), "phases": [[phase.kind.name.lower(), *phase[1:]] for phase in one.phases]}
         for one in references.finished
     ]
     body = {
@@ -157,8 +156,7 @@ def table_content(facts: Mapping[str, Any], key: str, found: Mapping[str, Any], 
 
 def seal_of(body: Mapping[str, Any]) -> str:
     """SHA-256 of the content of a table, except the seal itself."""
-    unsealed = {key: value for key, value in body.items() if key != SEAL}
-    return hashlib.sha256(json.dumps(unsealed, sort_keys=True).encode()).hexdigest()
+    return _sha256({key: value for key, value in body.items() if key != SEAL})
 
 
 def _check_origin(fields: Fields) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from das.advice import wording
 from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
+from das.advice.guide.guide import Guide
 from das.advice.last_word import BrakingBasis, LastWord
 from das.advice.planner import PlanBasis
 from das.advice.quiet import Quiet
@@ -87,7 +88,7 @@ class Cab:
     def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
         settings = settings or CabSettings()
         preparation = Preparation(fronts, settings.stopwatch, background=settings.background, guide=settings.guide)
-        self.legs = Legs(situation, preparation, guide=settings.guide)
+        self.legs = Legs(situation, preparation)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
         """The estimated state of the train on which the last advice is based."""
@@ -156,10 +157,8 @@ class Cab:
                     self._act(message)
             for news in self._guard.take_news():
                 self._reporting.complain(self._clock_ns, news)
-        except (ArithmeticError, ValueError) as error:
-            self._ignore(kind, f"a message was ignored ({error})")
         except Exception as error:
-            self._lose(kind, self._unforeseen(error))
+            self._lose(kind, error)
         self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
         return self._reporting.take()
 
@@ -215,8 +214,7 @@ class Cab:
         try:
             order = self._post.accept(journey)
             same = order.vehicle is self.legs.situation.vehicle
-            moment = self._localisation.moment if same else None
-            self.legs.begin(order.stops, order.timetables, vehicle=order.vehicle, level=order.level, moment=moment)
+            self.legs.begin(order, self._localisation.moment if same else None)
         except DasError as error:
             self._refuse(journey.time_ns, str(error))
             return
@@ -240,19 +238,18 @@ class Cab:
         if not known or self._reporting.may_report(self._clock_ns):
             self._reporting.add(self._status(time_ns, NodeState.WITHDRAWN, text, Cause.JOURNEY_REFUSED))
 
-    def _ignore(self, kind: Kind, why: str) -> None:
-        """Report that a message was ignored; an ignored list of restrictions withdraws the advice."""
-        self._reporting.complain(self._clock_ns, f"{kind}: {why}")
+    def _lose(self, kind: Kind, error: Exception) -> None:
+        """Report that a message was not used; an unforeseen error, or lost restrictions, withdraw the advice."""
+        if isinstance(error, ArithmeticError | ValueError):
+            why = f"a message was ignored ({error})"
+            self._reporting.complain(self._clock_ns, f"{kind}: {why}")
+        else:
+            why = self._unforeseen(error)
+            self._trust = dataclasses.replace(self._trust, internal_error=why)
+            if kind is Kind.JOURNEY:
+                self._refuse(self._clock_ns, why)
         if kind is Kind.RESTRICTION:
             self._guard.unheeded = why
-
-    def _lose(self, kind: Kind, fault: str) -> None:
-        """Withdraw the next advice because a message of this kind caused an unforeseen error."""
-        self._trust = dataclasses.replace(self._trust, internal_error=fault)
-        if kind is Kind.JOURNEY:
-            self._refuse(self._clock_ns, fault)
-        elif kind is Kind.RESTRICTION:
-            self._guard.unheeded = fault
 
     def _unforeseen(self, error: Exception) -> str:
         """Report an unforeseen error and where it occurred; returns the reported text."""
@@ -296,13 +293,12 @@ class Cab:
     def _advise(self, now_ns: int) -> Advice:
         """The advice for a moment (ns since 1970), after the last word; without advice, one that states the cause."""
         self.here = self._localisation.at(now_ns)
-        leg, facts = self.legs.current, None
+        leg = self.legs.current
         if leg is not None:
             leg.see(self.here)
             self.legs.prepare(now_ns)
-            facts = leg.facts(self.legs.preparation.refusal(leg))
         trust = dataclasses.replace(self._trust, **self._guard.doubts(now_ns))
-        why = decide(self.here, trust, facts)
+        why = decide(self.here, trust, leg)
         if leg is None:
             assert why is not None
             return Advice(time_ns=now_ns, cause=why.cause, reason=Reason.of_text(wording.withdrawal(why)))
@@ -313,10 +309,10 @@ class Cab:
                     advice = dataclasses.replace(advice, valid_until_ns=least_ns)  # until the next one should have come
                 advice = self.legs.judged(advice, self.here)
             except NoPlanError as error:
-                why = decide(self.here, trust, facts, no_plan=str(error))
+                why = decide(self.here, trust, leg, no_plan=str(error))
             else:
                 quiet = self._quiet.cause(advice, self.here, leg.section)
-                why = decide(self.here, trust, facts, quiet=quiet) if quiet else None
+                why = decide(self.here, trust, leg, quiet=quiet) if quiet else None
                 return advice if why is None else leg.withdraw(self.here, why)
         assert why is not None
         self._quiet.forget()
@@ -356,7 +352,7 @@ def warm_up() -> None:
 def warm_up_advice(section: Section, planned: PlanBasis | None = None) -> None:
     """Run guide, planner and last word on a tiny section of 400 m; plans use the given basis, or none."""
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
-    leg = Leg(start, end, section, guide=True)
+    leg = Leg(start, end, section, Guide(section, None))
     if planned is not None:
         leg.use(planned)
     leg.use_guide(GuideFront(section))

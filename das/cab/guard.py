@@ -144,11 +144,10 @@ class Guard:
     def doubts(self, now_ns: int) -> dict[str, Any]:
         """The reasons to distrust the messages received so far, by the names of `das.cab.withdrawal.Trust`."""
         positions, operator = self._publishers[Kind.POSITION], self._operators[Kind.RESTRICTION]
-        other = operator.contradiction()
         return {
             "two_publishers": positions.contested(now_ns),
             "unstamped": positions.unstamped(now_ns),
-            "two_operators": "" if other is None else _rivals(operator, other),
+            "two_operators": operator.contradiction(),
             "unheeded": self.unheeded,
             "two_nodes": self._nodes[0] if self._nodes else "",
         }
@@ -354,11 +353,14 @@ class Operator:
         rivals = self._rivals() if self.is_gone(self.source) else []
         return next((self._said[one] for one in rivals if not self._differs(one)), None)
 
-    def contradiction(self) -> str | None:
-        """A session that states other restrictions than the one that counts; None if no session does."""
-        if len(self._said) < 2 and not self._left:
-            return None
-        return next((one for one in (*self._rivals(), *self._left) if self._differs(one)), None)
+    def contradiction(self) -> str:
+        """The two publishers that state different restrictions, and the remedy if one is gone; empty if they agree."""
+        other = next((one for one in (*self._rivals(), *self._left) if self._differs(one)), None)
+        if other is None:
+            return ""
+        one_is_gone = self.is_gone(self.source) or self.is_gone(other)
+        cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
+        return f"{_named(self.source)} and {_named(other)}{cure}"
 
     def _rivals(self) -> list[str]:
         """The other sessions whose publishers are present."""
@@ -367,13 +369,6 @@ class Operator:
     def _differs(self, source: str) -> bool:
         """Whether the last restrictions of a session differ from the list of the session that counts."""
         return _places(self._said.get(source)) != _places(self._said.get(self.source))
-
-
-def _rivals(operator: Operator, other: str) -> str:
-    """The two publishers that state different restrictions, and the remedy if one is gone."""
-    one_is_gone = operator.is_gone(operator.source) or operator.is_gone(other)
-    cure = "; one of them is gone, the other has to send its list again" if one_is_gone else ""
-    return f"{_named(operator.source)} and {_named(other)}{cure}"
 
 
 def _nonsense(message: StateHeard | Unreadable) -> str:

@@ -7,18 +7,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from das.advice.advice import Advice, Guidance, Timetable, Withdrawal
+from das.advice.advice import Advice, Timetable, Withdrawal
 from das.advice.braking import AT_MARK_M
 from das.advice.display import Display, Scene
 from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, SpeedsAllowed, TrainState, is_too_fast
-from das.advice.guide.drift import Drift
 from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
 from das.advice.planner import PlanBasis, Planner
 from das.advice.reason import Reason, ReasonCode
-from das.advice.worker import AT_ONCE, Worker
 from das.cab.heard import Target
-from das.cab.withdrawal import LegFacts
 from das.domain.errors import DasError
 from das.domain.route import Stop
 from das.domain.units import NS
@@ -40,26 +37,15 @@ class NoPlanError(DasError):
 
 
 class Leg:
-    """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state.
+    """One section of the journey under way: it takes timetable, targets and delay, and advises for a known state."""
 
-    The `guide_worker` makes the references of the guide; `drift` is the driver's drift as measured on other legs.
-    """
-
-    def __init__(
-        self,
-        start: Stop,
-        end: Stop,
-        section: Section,
-        guide_worker: Worker = AT_ONCE,
-        drift: Drift | None = None,
-        *,
-        guide: bool = False,
-    ) -> None:
+    def __init__(self, start: Stop, end: Stop, section: Section, guide: Guide | None = None) -> None:
         self.start, self.end = start, end
         self.section = section
         """The section with which the leg is planned now."""
         self.planner, self.display = Planner(PlanBasis(section=section)), Display()
-        self.guide = Guide(section, None, guide_worker, drift) if guide else None
+        self.guide = guide
+        """The guide of the section; None: the train is advised without one."""
         self.arrival_ns: int | None = None
         """The arrival that traffic management wants (ns since 1970); None: by the timetable."""
         self.points: list[PassingTarget] = []
@@ -71,19 +57,11 @@ class Leg:
         self._arrived_ns: int | None = None
         self.reached_m = -math.inf
         """Position (m) that the train has reached."""
-        self._stood_short = self._too_fast = False
-
-    def facts(self, refusal: str) -> LegFacts:
-        """The facts on which `decide` is based; `refusal` states why the section cannot be driven (empty: it can)."""
-        section, goal = self.section, self.goal
-        return LegFacts(
-            start_m=section.start_m,
-            end_m=section.end_m,
-            departure_ns=goal.departure_ns,
-            is_timed=goal.due_ns > 0,
-            refusal=refusal,
-            stood_short=self._stood_short,
-        )
+        self.refusal = ""
+        """Why the section cannot be driven; empty if it can."""
+        self.stood_short = False
+        """Whether the train has stood clearly short of the leg's first stop, and has not reached it yet."""
+        self._too_fast = False
 
     def use(self, basis: PlanBasis) -> None:
         """Plan with another basis from now on."""
@@ -117,9 +95,9 @@ class Leg:
             return
         short_m = self.section.start_m - here.s_m
         if here.speed_mps < STANDSTILL_MPS:
-            self._stood_short = short_m > SHORT_M
+            self.stood_short = short_m > SHORT_M
         elif short_m < AT_END_M:
-            self._stood_short = False
+            self.stood_short = False
 
     def refresh_goal(self) -> None:
         """Bring the goal up to date: the arrival, and the next point ahead of the last known position."""
@@ -149,14 +127,11 @@ class Leg:
         beyond_m, stands = state.s_m - self.section.end_m, state.v_mps < STANDSTILL_MPS
         if not stands or beyond_m < -AT_STOP_M:
             self._arrived_ns = None
-        if stands:
-            if beyond_m >= -AT_STOP_M:
-                scene = scene._replace(guide=self._standing(state))
-                late_s = self._arrival_late_s(state.now_ns)
-                return self.display.standing(scene, Reason(code=ReasonCode.ARRIVED, late_s=late_s))
-            if state.s_m <= self.section.start_m + AT_STOP_M and state.now_ns < self.goal.departure_ns:
-                reason = Reason(code=ReasonCode.DEPARTURE, time_ns=self.goal.departure_ns)
-                return self.display.standing(scene._replace(guide=self._standing(state)), reason)
+        if stands and (reason := self._stays(state, beyond_m)) is not None:
+            if self.guide is not None:
+                left_s = max((self.goal.departure_ns - state.now_ns) * NS, 0.0)
+                scene = scene._replace(guide=self.guide.stands(left_s))
+            return self.display.standing(scene, reason)
         if beyond_m >= -AT_END_M:
             needed = planner.ahead.effort_to(state.s_m, state.v_mps, self.section.end_m, 0.0)
             reason = Reason(code=ReasonCode.STOP, stop=self.section.end_stop_name)
@@ -213,16 +188,15 @@ class Leg:
         if self.guide is not None:
             self.guide.forget()
 
-    def _standing(self, state: TrainState) -> Guidance | None:
-        """The guide's instruction for a train that must stand; None without a guide."""
-        if self.guide is None:
-            return None
-        return self.guide.stands(max((self.goal.departure_ns - state.now_ns) * NS, 0.0))
-
-    def _arrival_late_s(self, now_ns: int) -> float:
-        """The lateness (s) of the arrival; the value stays while the train stands."""
-        self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
-        return (self._arrived_ns - self.goal.arrival_ns) * NS
+    def _stays(self, state: TrainState, beyond_m: float) -> Reason | None:
+        """The reason why a train that stands has to stay; the lateness of an arrival does not grow meanwhile."""
+        goal, now_ns = self.goal, state.now_ns
+        if beyond_m >= -AT_STOP_M:
+            self._arrived_ns = min(self._arrived_ns or now_ns, now_ns)
+            return Reason(code=ReasonCode.ARRIVED, late_s=(self._arrived_ns - goal.arrival_ns) * NS)
+        if state.s_m <= self.section.start_m + AT_STOP_M and now_ns < goal.departure_ns:
+            return Reason(code=ReasonCode.DEPARTURE, time_ns=goal.departure_ns)
+        return None
 
 
 def assign_targets(targets: Sequence[Target], legs: Sequence[Leg]) -> tuple[tuple[Target, ...], list[str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, tzinfo
@@ -16,17 +15,15 @@ from das.advice.guide.drift import Drift
 from das.advice.last_word import BrakingBasis, LastWord, Part
 from das.cab.heard import Target
 from das.cab.leg import Leg, assign_targets
+from das.cab.orders import Order
 from das.cab.outputs import is_fresh
 from das.cab.preparation import News, Preparation
 from das.cab.situation import AS_PLANNED, Situation
 from das.cab.withdrawal import LOST_BEYOND_M
 from das.domain.conditions import Conditions
 from das.domain.errors import DasError, RunawayError
-from das.domain.levels import Level
 from das.domain.restriction import Restriction
-from das.domain.route import Stop
 from das.domain.units import KM, NS
-from das.domain.vehicle import Vehicle
 from das.estimate.estimate import Estimate
 
 BACK_M: Final = 200.0
@@ -45,21 +42,16 @@ class Legs:
     A leg ends when the train stands at its stop. At first, the position of the train alone decides which leg it is on.
     """
 
-    def __init__(self, situation: Situation, preparation: Preparation, *, guide: bool = False) -> None:
+    def __init__(self, situation: Situation, preparation: Preparation) -> None:
         self.situation, self.preparation = situation, preparation
         self.legs: tuple[Leg, ...] = ()
-        self.acts: Counter[Part] = Counter()
-        """The number of replacements of each part of the advice by the last word."""
         self._last_word, self._replaced_ns = LastWord(), dict[Part, int]()
-        self._started, self._guide = situation, guide
+        self._level = situation.level
         self._index: int | None = None
-        self._ends_m: list[float] = []
-        """The ends of all legs but the last one."""
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
         self._accepted_reported: tuple[Target, ...] = ()
-        self._now_ns, self._at_present = 0, situation
-        self._changed = False
+        self._now_ns, self._changed = 0, False
 
     @property
     def index(self) -> int:
@@ -81,7 +73,7 @@ class Legs:
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
         """Advice after the last word: unchanged, or with safe values in place of unsafe ones, which are reported."""
-        leg, situation = self.legs[self.index], self._at_present
+        leg, situation = self.legs[self.index], self.situation.at(self._now_ns)
         basis = BrakingBasis(
             route=situation.route,
             vehicle=situation.vehicle,
@@ -96,7 +88,6 @@ class Legs:
         if not acts:
             return safe
         for act in acts:
-            self.acts[act.part] += 1
             if not is_fresh(self._replaced_ns.get(act.part), advice.time_ns, REPORT_EVERY_S):
                 self.preparation.report(News(act.words, True))
             self._replaced_ns[act.part] = advice.time_ns
@@ -114,56 +105,44 @@ class Legs:
         first_m, second_m = stops_m[:2]
         self.preparation.rehearse(self.situation.between(first_m, second_m).section(first_m, second_m))
 
-    def begin(
-        self,
-        stops: Sequence[Stop],
-        timetables: Sequence[Timetable],
-        *,
-        vehicle: Vehicle | None = None,
-        level: Level | None = None,
-        moment: Moment = None,
-    ) -> None:
-        """Take over a journey, by default with the train and the level of the start.
+    def begin(self, order: Order, moment: Moment = None) -> None:
+        """Take over a journey, by default with the level of the start; `moment` is where the train is now.
 
         Raises DasError if the journey cannot be driven on this line; the previous journey then continues.
         """
-        started, before = self._started, self.situation
-        situation = replace(before, vehicle=vehicle or started.vehicle, level=level or started.level)
+        before, ways = self.situation, list(pairwise(order.stops))
+        situation = replace(before, vehicle=order.vehicle, level=order.level or self._level)
         if situation.vehicle is not before.vehicle:
             # The estimates of the previous train do not apply to the new one.
             situation = replace(situation, conditions=AS_PLANNED)
         known = {(leg.start.position_m, leg.end.position_m): leg for leg in self.legs}
         free = replace(situation, restrictions=())
         s_m = -math.inf if moment is None else moment[0]
-        going_on = [known[ends] for ends in pairwise(stop.position_m for stop in stops) if ends in known]
-        guide = going_on[0].guide if going_on else None
-        drift = Drift() if guide is None else guide.drift
-        legs = []
-        for a, b in pairwise(stops):
-            leg = known.get((a.position_m, b.position_m))
-            if leg is None:  # The section raises DasError if it cannot be driven even without restrictions.
-                section = free.section_ahead(a.position_m, b.position_m, s_m)
-                leg = Leg(a, b, section, self.preparation.guide_worker, drift, guide=self._guide)
-            legs.append(leg)
-        _set_timetables(legs, timetables)
-        for leg, (start, end) in zip(legs, pairwise(stops), strict=True):
-            leg.start, leg.end = start, end  # The positions are the same; the names may differ.
-        self.preparation.drop(leg for leg in self.legs if leg not in legs)
-        for leg in legs:
-            if leg not in self.legs:
-                self.preparation.add(leg, free)
+        going_on = [known.get((a.position_m, b.position_m)) for a, b in ways]
+        drift = next((leg.guide.drift for leg in going_on if leg is not None and leg.guide is not None), Drift())
+        legs: list[Leg] = []
+        for same, (a, b) in zip(going_on, ways, strict=True):
+            if same is not None:
+                legs.append(same)
+                continue
+            # The section raises DasError if it cannot be driven even without restrictions.
+            section = free.section_ahead(a.position_m, b.position_m, s_m)
+            legs.append(Leg(a, b, section, self.preparation.new_guide(section, drift)))
+        _set_timetables(legs, order.timetables)
+        for leg, ends in zip(legs, ways, strict=True):
+            leg.start, leg.end = ends  # The positions are the same; the names may differ.
+        self.preparation.take_over(legs, free)
         # If a journey is repeated, or changed elsewhere, the train stays on the leg that it has not ended.
         current = self.current
         self._index = legs.index(current) if self._index is not None and current in legs else None
         self.situation, self.legs = situation, tuple(legs)
-        self._ends_m = [leg.section.end_m for leg in legs[:-1]]
         self.place(moment)
         self.set_targets(self._targets)
 
     def end(self) -> None:
         """End the journey; no legs remain."""
-        self.preparation.drop(self.legs)
         self.legs, self._index = (), None
+        self.preparation.take_over(self.legs, self.situation)
 
     def set_restrictions(self, restrictions: Sequence[Restriction]) -> None:
         """Take over all restrictions known; plans observe each of them as soon as it applies."""
@@ -205,13 +184,13 @@ class Legs:
     def place(self, moment: Moment) -> None:
         """Take over the position of the train; it decides which leg the train is on."""
         if moment is not None and self.legs:
-            self._index = leg_of(self._ends_m, self._index, moment)
+            self._index = leg_of([leg.section.end_m for leg in self.legs[:-1]], self._index, moment)
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
-        self._now_ns, self._at_present = now_ns, self.situation.at(now_ns)
+        self._now_ns = now_ns
         changed, self._changed = self._changed, False
-        self.preparation.prepare(self.legs, self.index, self._at_present, now_ns, changed=changed)
+        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
 
     def _note_change(self) -> None:
         """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""

@@ -23,13 +23,8 @@ DAY_NS = 86_400 * 10**9
 
 def is_of_another_day(journey: JourneyHeard, now_ns: int) -> bool:
     """Whether all times of a journey are more than a day from the clock (ns since 1970; 0: not set, so False)."""
-    has_times = False
-    for stop in journey.stops if now_ns > 0 else ():
-        for at_ns in (stop.arrival_ns, stop.departure_ns):
-            if at_ns > 0 and abs(at_ns - now_ns) <= DAY_NS:
-                return False
-            has_times |= at_ns > 0
-    return has_times
+    known_ns = [at_ns for stop in journey.stops for at_ns in (stop.arrival_ns, stop.departure_ns) if at_ns > 0]
+    return now_ns > 0 and bool(known_ns) and all(abs(at_ns - now_ns) > DAY_NS for at_ns in known_ns)
 
 
 class Trains:
@@ -52,18 +47,16 @@ class Trains:
 
     def find(self, vehicle_id: str, load: str = "") -> Vehicle:
         """The train of an id in a load state (empty: that of the file); DasError if there is none."""
-        if (vehicle_id, load) not in self._found:
-            self._found[vehicle_id, load] = self._read(vehicle_id, load)
-        return self._found[vehicle_id, load]
-
-    def _read(self, vehicle_id: str, load: str) -> Vehicle:
-        if load:
-            return self.find(vehicle_id).loaded(load)
-        # The id is never taken as a path, because it comes over the bus.
-        if vehicle_id not in catalogue("vehicles"):
-            known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
-            raise DasError(f"it is for vehicle {vehicle_id!r}, this node knows {', '.join(known)}")
-        return load_vehicle(vehicle_id)
+        key = vehicle_id, load
+        if key not in self._found and load:
+            self._found[key] = self.find(vehicle_id).loaded(load)
+        elif key not in self._found:
+            # The id is never taken as a path, because it comes over the bus.
+            if vehicle_id not in catalogue("vehicles"):
+                known = sorted({name for name, _ in self._found} | set(catalogue("vehicles")))
+                raise DasError(f"it is for vehicle {vehicle_id!r}, this node knows {', '.join(known)}")
+            self._found[key] = load_vehicle(vehicle_id)
+        return self._found[key]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
+from das.advice.guide.drift import Drift
+from das.advice.guide.guide import Guide
 from das.advice.planner import PlanBasis
 from das.advice.worker import Worker
 from das.cab.leg import LEAST_WAY_M, Leg
@@ -81,8 +83,8 @@ class Fronts:
         """Check a folder of tables; `notes` lists faults of the folder. DasError if there is no such folder."""
         self.notes: list[str] = []
         self._threads = threads
-        self._known = _Kept(kept_bytes, _size)
-        self._guides: _Kept[FoundGuide] = _Kept(kept_bytes, lambda guide: guide.front.nbytes)
+        self._known = _Kept[Front](kept_bytes, lambda front: front.value_j.nbytes + front.time_to_go_s.nbytes)
+        self._guides = _Kept[FoundGuide](kept_bytes, lambda guide: guide.front.nbytes)
         self._folder, self._missed = tables, set[str]()
         if tables is None:
             return
@@ -137,10 +139,6 @@ class Fronts:
         return None, (f"{self._folder}: no table of {section.name}; references are solved instead",)
 
 
-def _size(front: Front) -> int:
-    return front.value_j.nbytes + front.time_to_go_s.nbytes
-
-
 def onboard_ladder(section: Section) -> NDArray[np.float64]:
     """The multipliers of a front that is solved on board (W)."""
     ladder, lowest = default_ladder(section), len(tol.LADDER_LOWEST_RATIOS)
@@ -172,13 +170,10 @@ class _Answer(NamedTuple):
 class _Prepared:
     """The state of a leg's preparation.
 
-    The leg is prepared for `situation`; `why` is the reason for preparing it again, `refusal` why it cannot be driven.
+    The leg is prepared for `situation`; `why` is the reason for preparing it again.
     """
 
     situation: Situation
-    whole: Situation | None = None
-    """The situation on the whole line from which `situation` was taken last."""
-    refusal: str = ""
     why: str = ""
     served: PassingTarget | None = None
     """The point to pass for which the front was found, or is being searched for."""
@@ -193,9 +188,8 @@ class _Prepared:
 
     def give_up(self) -> None:
         """Give up the searches under way: the leg has to be prepared again."""
-        for search in (self.search, self.guide):
-            if search is not None:
-                search.cancel()
+        for search in self.searches:
+            search.cancel()
         self.ready, self.search, self.guide = False, None, None
 
     @property
@@ -239,10 +233,6 @@ class Preparation:
         """Whether a finished search has a result that the last advice did not use."""
         return any(search.done() for one in self._prepared.values() for search in one.searches)
 
-    def refusal(self, leg: Leg) -> str:
-        """The reason why the train cannot run on a leg; empty if it can."""
-        return self._prepared[leg].refusal
-
     def report(self, news: News) -> None:
         """Add events to report."""
         self._news.append(news)
@@ -252,14 +242,16 @@ class Preparation:
         news, self._news = self._news, []
         return news
 
-    def add(self, leg: Leg, situation: Situation) -> None:
-        """Add a new leg, which is not prepared yet."""
-        self._prepared[leg] = _Prepared(situation=situation)
+    def new_guide(self, section: Section, drift: Drift) -> Guide | None:
+        """The guide of a section, without policies yet, for a driver with a drift; None if there is to be no guide."""
+        return Guide(section, None, self.guide_worker, drift) if self._guide else None
 
-    def drop(self, legs: Iterable[Leg]) -> None:
-        """Remove legs and give up their searches."""
-        for leg in legs:
+    def take_over(self, legs: Sequence[Leg], situation: Situation) -> None:
+        """Take over the legs of a journey, new ones as planned for a situation; searches for others are given up."""
+        for leg in [one for one in self._prepared if one not in legs]:
             self._prepared.pop(leg).give_up()
+        for leg in legs:
+            self._prepared.setdefault(leg, _Prepared(situation=situation))
 
     def rehearse(self, section: Section) -> None:
         """Find the front of a section before there is a journey; raises DasError if there is none.
@@ -294,20 +286,18 @@ class Preparation:
             elif one.ready and i != index - 1:  # far away: its front is dropped
                 leg.use(PlanBasis(section=leg.section))
                 one.give_up()
-            elif one.search is not None or one.guide is not None:
+            elif one.searches:
                 one.give_up()
 
     def _ensure(self, leg: Leg, one: _Prepared, situation: Situation, now_ns: int) -> None:
         """Bring a leg up to date with the situation: its safe limits immediately, then its front."""
-        if situation is not one.whole or leg.reached_m >= one.held_from_m:
-            wanted = situation.between(leg.start.position_m, leg.end.position_m)
-            if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
-                _change_situation(leg, one, wanted)
-            one.whole = situation
+        wanted = situation.between(leg.start.position_m, leg.end.position_m)
+        if not wanted.is_like(one.situation) or leg.reached_m >= one.held_from_m:
+            _change_situation(leg, one, wanted)
         point = leg.goal.passing
         if point is not None and point != one.served:
             one.give_up()
-        if one.search is None and not one.ready and (not one.refusal or one.failed_ns is not None):
+        if one.search is None and not one.ready and (not leg.refusal or one.failed_ns is not None):
             one.served = point
             section, s_m = leg.section, _place_m(leg)
             one.search = self._solver.submit(lambda: self._search_front(section, s_m, point))
@@ -323,10 +313,10 @@ class Preparation:
         self.solve_s = answer.took_s
         found = answer.found
         if found is None:
-            one.refusal = answer.refusal
+            leg.refusal = answer.refusal
             self._news.append(News(f"{leg.section.name}: no plan: {answer.refusal}", True))
             return
-        one.refusal = ""
+        leg.refusal = ""
         if answer.refusal:
             self._news.append(News(f"target: {answer.refusal}", True))
         section = found.section
@@ -359,11 +349,8 @@ class Preparation:
             found = self._fronts.find(section, s_m)
             if point is not None and point.s_m >= s_m + LEAST_WAY_M and (point.earliest_ns or point.latest_ns):
                 passing = self._fronts.find_guide(found.section, s_m).front
-        except DasError as error:
-            refusal = str(error)
         except Exception as error:  # A thread must not end unnoticed: withdrawing the advice is better.
-            raise_interruption(error)
-            refusal, failed = f"solving failed ({type(error).__name__}: {error})", True
+            refusal, failed = _in_words(error), not isinstance(error, DasError)
         return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
 
     def _search_guide(self, section: Section, s_m: float) -> FoundGuide | str:
@@ -371,8 +358,13 @@ class Preparation:
         try:
             return self._fronts.find_guide(section, s_m)
         except Exception as error:  # Advice without a guide is better than a thread that ends unnoticed.
-            raise_interruption(error)
-            return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
+            return _in_words(error)
+
+
+def _in_words(error: Exception) -> str:
+    """The reason for a failed search; KeyboardInterrupt is raised again."""
+    raise_interruption(error)
+    return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"
 
 
 def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
@@ -386,8 +378,8 @@ def _change_situation(leg: Leg, one: _Prepared, wanted: Situation) -> None:
         refusal = f"{why}: {error}"
         held_from_m = error.held_from_m if isinstance(error, RunawayError) else math.inf
     # Only after the leg has taken over the situation: if that fails, the leg does not count as prepared.
-    one.situation, one.refusal, one.failed_ns, one.why = wanted, refusal, None, why
-    one.held_from_m = held_from_m
+    leg.refusal = refusal
+    one.situation, one.held_from_m, one.failed_ns, one.why = wanted, held_from_m, None, why
 
 
 def _place_m(leg: Leg) -> float:

@@ -7,6 +7,7 @@ from typing import Final
 
 from das.advice.advice import OF_PROBLEM, Cause, Withdrawal
 from das.advice.goal import AT_END_M, AT_STOP_M
+from das.cab.leg import Leg
 from das.estimate.estimate import Estimate
 from das.estimate.plausibility import STANDSTILL_MPS
 
@@ -36,26 +37,10 @@ class Trust:
     """The unforeseen error that withdraws the next advice; empty if there is none."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class LegFacts:
-    """The facts of the leg on which the decision is based.
-
-    They are the leg's two ends (m), its departure (ns since 1970), whether it has a timetable, and why it is refused.
-    `stood_short`: the train has stood clearly short of the leg's first stop, and has not reached it yet.
-    """
-
-    start_m: float
-    end_m: float
-    departure_ns: int
-    is_timed: bool = True
-    refusal: str = ""
-    stood_short: bool = False
-
-
 def decide(
     here: Estimate,
     trust: Trust,
-    leg: LegFacts | None,
+    leg: Leg | None,
     *,
     no_plan: str = "",
     quiet: Cause = Cause.NONE,
@@ -73,7 +58,7 @@ def decide(
     distrust = _distrust(trust)
     if distrust is not None:
         return distrust
-    if leg is None or not leg.is_timed:
+    if leg is None or leg.goal.due_ns <= 0:
         return Withdrawal(Cause.NO_JOURNEY)
     if not trust.restrictions_received:
         return Withdrawal(Cause.RESTRICTIONS_UNTOLD)
@@ -101,16 +86,17 @@ def _distrust(trust: Trust) -> Withdrawal | None:
     return None
 
 
-def _of_leg(here: Estimate, leg: LegFacts) -> Withdrawal | None:
+def _of_leg(here: Estimate, leg: Leg) -> Withdrawal | None:
     if leg.refusal:
         return Withdrawal(Cause.SECTION_IMPOSSIBLE, leg.refusal)
     if here.problem is not None:
         return Withdrawal(OF_PROBLEM[here.problem.kind], problem=here.problem)
-    if not leg.start_m - AT_STOP_M <= here.s_m <= leg.end_m + LOST_BEYOND_M:
-        return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(leg.start_m, leg.end_m))
-    creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < leg.start_m - AT_END_M
-    if creeps and (leg.stood_short or here.time_ns < leg.departure_ns):
+    start_m, end_m = leg.section.start_m, leg.section.end_m
+    if not start_m - AT_STOP_M <= here.s_m <= end_m + LOST_BEYOND_M:
+        return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(start_m, end_m))
+    creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < start_m - AT_END_M
+    if creeps and (leg.stood_short or here.time_ns < leg.goal.departure_ns):
         return Withdrawal(Cause.MOVING_UP)
-    if here.s_m - leg.end_m > AT_STOP_M:
-        return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - leg.end_m)
+    if here.s_m - end_m > AT_STOP_M:
+        return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - end_m)
     return None

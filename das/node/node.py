@@ -44,11 +44,8 @@ class WallClock:
         self._began_s += step_s
         return step_s
 
-    def note(self, received: Received) -> None:
-        """Do nothing: messages do not move this clock."""
-
-    def due(self) -> None:
-        """None: no Control message requests advice by this clock."""
+    def due(self, received: Received) -> None:
+        """None: messages do not move this clock, and no Control message requests advice by it."""
 
 
 class BusClock:
@@ -77,20 +74,20 @@ class BusClock:
         """Zero, because the setting of a simulation's clock cannot be detected."""
         return 0.0
 
-    def note(self, received: Received) -> None:
-        """Take note of a message; a Control message is held until it can be answered."""
+    def due(self, received: Received) -> Any | None:
+        """The Control message that can be answered after this message, whose time becomes the clock's; None: none can.
+
+        A Control message is held until it can be answered.
+        """
         topic, message = received.topic, received.message
         if message is None:
-            return
+            return None
         if topic is CONTROL:
             self._held = message
         elif topic is JOURNEY:
             self._now_ns = max(self._now_ns, message.time_ns)
         elif topic.name in self._heard_ns:
             self._heard_ns[topic.name] = max(self._heard_ns[topic.name], message.time_ns)
-
-    def due(self) -> Any | None:
-        """The Control message that can be answered now, whose time becomes the clock's; None if there is none."""
         control = self._held
         if control is None:
             return None
@@ -121,8 +118,7 @@ class Node:
         heard = codec.decode(received, self.clock.judged_at_ns())
         if heard is not None:
             self.publish(self.cab.hear(heard))
-        self.clock.note(received)
-        control = self.clock.due()
+        control = self.clock.due(received)
         if control is None:
             return
         if codec.finishes(control):

@@ -14,6 +14,7 @@ import pytest
 from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import AT_END_M, PassingTarget
 from das.advice.guide.guard import BRAKED_MPS
+from das.advice.guide.guide import Guide
 from das.advice.planner import PlanBasis
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.shown import OVERSPEED_MPS
@@ -64,7 +65,7 @@ class World:
 
     def leg(self) -> Leg:
         """A leg with a guide, with a random time left, and in every third case with a window at a point."""
-        leg = Leg(self.start, self.end, self.section, guide=True)
+        leg = Leg(self.start, self.end, self.section, Guide(self.section, None))
         leg.use(self.basis)
         leg.use_guide(self.guide)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))

@@ -52,16 +52,15 @@ class OneSection:
         return advised(self.leg, here)
 
 
-def advised(leg: Leg, here: Estimate, refusal: str = "") -> Advice:
+def advised(leg: Leg, here: Estimate) -> Advice:
     """The advice of a leg for an estimated state, with trusted messages only."""
-    facts = leg.facts(refusal)
     leg.see(here)
     leg.refresh_goal()
-    why = decide(here, Trust(), facts)
+    why = decide(here, Trust(), leg)
     if why is None:
         try:
             return leg.advise(here)
         except NoPlanError as error:
-            why = decide(here, Trust(), facts, no_plan=str(error))
+            why = decide(here, Trust(), leg, no_plan=str(error))
     assert why is not None
     return leg.withdraw(here, why)

@@ -12,9 +12,11 @@ from das.advice.plan import Plan
 from das.advice.reason import ReasonCode
 from das.cab.leg import Leg
 from das.cab.legs import Legs
+from das.cab.orders import Order
 from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.braking import USUAL, SiteBraking
+from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss
 from das.domain.route import Route, Stop
 from das.domain.vehicle import Vehicle
@@ -55,7 +57,7 @@ class SmallTrip:
 
     def __init__(self, situation: Situation, fronts: Fronts, *, background: bool = False, guide: bool = False) -> None:
         self.preparation = Preparation(fronts, time.perf_counter, background=background, guide=guide)
-        self.legs = Legs(situation, self.preparation, guide=guide)
+        self.legs = Legs(situation, self.preparation)
         self.localisation = believing(situation.vehicle)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets
         self.set_conditions, self.take_news, self.close = (
@@ -76,12 +78,19 @@ class SmallTrip:
     def searching(self) -> bool:
         return self.preparation.searching
 
-    def begin(self, stops: Sequence[Stop], timetables: Sequence[Timetable], **others: Any) -> None:
+    def begin(
+        self,
+        stops: Sequence[Stop],
+        timetables: Sequence[Timetable],
+        *,
+        vehicle: Vehicle = TRAIN,
+        level: Level | None = None,
+    ) -> None:
         """Take over a journey, before any message of another train."""
-        vehicle = others.get("vehicle") or TRAIN
         if vehicle is not self.legs.situation.vehicle:
             self.localisation = believing(vehicle)
-        self.legs.begin(stops, timetables, moment=self.localisation.moment, **others)
+        order = Order(stops=tuple(stops), timetables=tuple(timetables), vehicle=vehicle, level=level)
+        self.legs.begin(order, self.localisation.moment)
 
     def set_position(self, fix: PositionFix) -> None:
         self.localisation.take(fix)
@@ -92,7 +101,7 @@ class SmallTrip:
         here = self.localisation.at(now_ns)
         self.leg.see(here)
         self.legs.prepare(now_ns)
-        return advised(self.leg, here, self.preparation.refusal(self.leg))
+        return advised(self.leg, here)
 
 
 def trip(

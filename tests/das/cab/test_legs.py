@@ -18,7 +18,7 @@ from das.advice.regimes import Regime
 from das.advice.wording import words
 from das.cab.heard import Target
 from das.cab.leg import Leg
-from das.cab.orders import Trains
+from das.cab.orders import Order, Trains
 from das.cab.preparation import Fronts
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
@@ -261,9 +261,10 @@ def test_a_mass_found_behind_the_descent_takes_no_advice_away_nor_does_a_journey
     assert heavy.mode is not Regime.NONE
     assert heavy.horizon_speed_mps != light.horizon_speed_mps, "the mass counts"
     sooner = (STEEP.stops[0], replace(STEEP.stops[-1], position_m=STEEP.stops[-1].position_m - 200.0))
+    order = Order(stops=sooner, timetables=(DUE[0],), vehicle=TRAIN, level=None)
     with pytest.raises(DasError, match="cannot brake on the descent"):
-        made.legs.begin(sooner, DUE[:1], moment=(1500.0, False))
-    made.legs.begin(sooner, DUE[:1], moment=(3124.0, False))
+        made.legs.begin(order, (1500.0, False))
+    made.legs.begin(order, (3124.0, False))
     assert at(made, 62, 3148.0, 24.0).mode is not Regime.NONE
 
 

@@ -4,20 +4,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from das.advice import wording
 from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
+from das.advice.goal import Goal
 from das.cab.outputs import Event, Reporting, Severity
-from das.cab.withdrawal import LegFacts, Trust, decide
+from das.cab.withdrawal import Trust, decide
 from das.estimate.estimate import Estimate, Problem, ProblemKind
 from docs.studies.reference import causes
 from tests.support.making import REPOSITORY
 
 HERE = Estimate(time_ns=100, fix_time_ns=100, s_m=500.0, speed_mps=10.0, problem=None)
-LEG = LegFacts(start_m=0.0, end_m=1000.0, departure_ns=0)
+
+
+def leg_of(departure_ns: int = 0, due_ns: int = 300, refusal: str = "", stood_short: bool = False) -> Any:
+    """What the decision reads of a leg of 1000 m."""
+    section = SimpleNamespace(start_m=0.0, end_m=1000.0)
+    goal = Goal(departure_ns=departure_ns, due_ns=due_ns)
+    return SimpleNamespace(section=section, goal=goal, refusal=refusal, stood_short=stood_short)
+
 
 FACTS: dict[Cause, dict[str, Any]] = {
     Cause.TWO_PUBLISHERS: {"trust": {"two_publishers": "a and b"}},
@@ -57,12 +66,12 @@ def decided(*causes: Cause) -> Any:
         leg = None if facts.get("leg", {}) is None or leg is None else {**facts.get("leg", {}), **leg}
         no_plan = facts.get("no_plan", no_plan)
         quiet = quiet or facts.get("quiet", Cause.NONE)
-    legs = None if leg is None else replace(LEG, **leg)
+    legs = None if leg is None else leg_of(**leg)
     return decide(replace(HERE, **here), replace(Trust(), **trust), legs, no_plan=no_plan, quiet=quiet)
 
 
 def test_with_nothing_wrong_there_is_advice() -> None:
-    assert decide(HERE, Trust(), LEG) is None
+    assert decide(HERE, Trust(), leg_of()) is None
 
 
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
@@ -74,11 +83,11 @@ def test_every_cause_follows_from_its_facts_and_has_words(cause: Cause) -> None:
 
 
 def test_a_late_train_that_stood_clearly_short_of_its_stop_is_moving_up_until_it_is_there() -> None:
-    late = replace(LEG, departure_ns=-200, stood_short=True)
+    late = leg_of(departure_ns=-200, stood_short=True)
     found = decide(replace(HERE, s_m=-20.0), Trust(), late)
     assert found is not None
     assert found.cause is Cause.MOVING_UP
-    assert decide(replace(HERE, s_m=-20.0), Trust(), replace(late, stood_short=False)) is None
+    assert decide(replace(HERE, s_m=-20.0), Trust(), leg_of(departure_ns=-200)) is None
     assert decide(replace(HERE, s_m=5.0), Trust(), late) is None
 
 
@@ -90,7 +99,7 @@ def test_the_first_cause_in_the_order_of_their_numbers_decides() -> None:
 
 
 def test_a_leg_without_a_timetable_is_no_journey() -> None:
-    found = decide(HERE, Trust(), replace(LEG, is_timed=False))
+    found = decide(HERE, Trust(), leg_of(due_ns=0))
     assert found is not None
     assert found.cause is Cause.NO_JOURNEY
 

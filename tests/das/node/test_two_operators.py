@@ -263,7 +263,7 @@ def test_sessions_without_end_are_not_kept_without_end() -> None:
         operator.see(seen(source=f"other {i}", there=False))
     assert (len(operator._said), len(operator._there)) == (MOST_RIVALS + 1, MOST_GONE)
     assert operator.counts(message("next"))  # It is not forgotten that the first one is gone.
-    assert operator.contradiction() is None
+    assert operator.contradiction() == ""
 
 
 def test_a_session_is_gone_when_its_last_token_is() -> None:

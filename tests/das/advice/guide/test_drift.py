@@ -11,6 +11,7 @@ from das.advice.goal import UNHURRIED_S, Goal, TrainState
 from das.advice.guide.drift import BRAKING_RATIO, RUNNING_S_PER_MIN, Drift, UsualLoss
 from das.advice.guide.keeping import EARLY_S, ELSEWHERE_RATIO, ON_TIME_RATIO
 from das.cab.legs import Legs
+from das.cab.orders import Order
 from das.cab.preparation import Fronts, Preparation
 from das.cab.situation import Situation
 from das.domain.files.load import load_route, load_vehicle
@@ -154,14 +155,16 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
-    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False), guide=True)
-    legs.begin(stops, timetables)
+    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False, guide=True))
+    order = Order(stops=stops, timetables=tuple(timetables), vehicle=vehicle, level=None)
+    legs.begin(order)
     drifts = [leg.guide.drift for leg in legs.legs if leg.guide is not None]
     assert len(drifts) == 3
     assert drifts[0] is drifts[1] is drifts[2]
     assert [leg.goal.counts for leg in legs.legs] == [False, False, True]
-    legs.begin(stops[1:], timetables[1:])
+    legs.begin(replace(order, stops=stops[1:], timetables=order.timetables[1:]))
     assert [leg.guide.drift for leg in legs.legs if leg.guide is not None] == drifts[1:]
-    legs.begin([stops[0], stops[2]], [Timetable(departure_ns=ns(0.0), arrival_ns=ns(1300.0))])
+    through = (Timetable(departure_ns=ns(0.0), arrival_ns=ns(1300.0)),)
+    legs.begin(replace(order, stops=(stops[0], stops[2]), timetables=through))
     assert legs.legs[0].guide is not None
     assert legs.legs[0].guide.drift is not drifts[0]

@@ -175,8 +175,8 @@ class Cab:
         self.situation = Situation(route=section.route, vehicle=section.vehicle)
         clock = iter(range(10**6))
         self.preparation = Preparation(Fronts(threads=1), lambda: next(clock), background=False, guide=True)
-        self.leg = Leg(start, end, section, guide=True)
-        self.preparation.add(self.leg, self.situation)
+        self.leg = Leg(start, end, section, Guide(section, None))
+        self.preparation.take_over([self.leg], self.situation)
         self.leg.set_timetable(Timetable(departure_ns=ns(0), arrival_ns=ns(asked_s(LINE, 0.15))))
 
     def advice(self, state: TrainState) -> Advice:
