@@ -114,57 +114,6 @@ def refused(where: str | Path) -> Iterator[None]:
         raise DasError(f"{where}: cannot be read ({error})") from None
 
 
-class FeedTables:
-    """A feed whose tables are read row by row."""
-
-    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
-        self.path, self.archive = path, archive
-        self.members: dict[str, zipfile.ZipInfo] = {}
-        for member in archive.infolist():
-            place = PurePosixPath(member.filename.replace("\\", "/"))
-            if place.suffix == ".txt" and "__MACOSX" not in place.parts:
-                kept = self.members.get(place.name)
-                # A feed may be in a folder of the zip; of two tables with one name, the one nearer to the root counts.
-                if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
-                    self.members[place.name] = member
-        if "stop_times.txt" not in self.members:
-            raise InputError(path, "stop_times.txt", MISSING, "the tables of a GTFS feed in the zip")
-        for name, member in self.members.items():
-            self._check_member(name, member)
-
-    def _check_member(self, name: str, member: zipfile.ZipInfo) -> None:
-        """Check a table by its entry in the zip before unpacking; raises InputError."""
-        most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
-        swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
-        if member.file_size > most or swells:
-            size = f"{member.file_size / MEGABYTE:.0f} MB from {member.compress_size / MEGABYTE:.2f} MB"
-            raise InputError(self.path, name, size, f"at most {most / MEGABYTE:g} MB, and {SWELLING:g} times the zip")
-        if member.header_offset >= self.path.stat().st_size:
-            raise InputError(self.path, name, f"at byte {member.header_offset}", "a place in the zip")
-        if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise InputError(self.path, name, "packed in another way", "a deflated table without a password")
-
-    def rows(self, name: str, needed: Sequence[str], containing: Sequence[str] = ()) -> Iterator[tuple[int, Row]]:
-        """The rows of a table with their line numbers; only rows that contain one of the texts, if any are given.
-
-        Yields nothing if the feed has no such table. Raises InputError for a missing column.
-        """
-        if name not in self.members:
-            return
-        where = f"{self.path}: {name}"
-        with refused(where), self.archive.open(self.members[name]) as file:
-            numbers: list[int] = []
-            needles = tuple(one.replace('"', '""').encode() for one in containing)
-            reader = csv.reader(_lines(file, where, needles, numbers))
-            header = [one.strip() for one in next(reader, [])]
-            for column in needed:
-                if column not in header:
-                    raise InputError(where, f"column {column}", MISSING, f"the columns {', '.join(needed)}")
-            for cells in reader:
-                if any(cells):
-                    yield numbers[-1], {key: cell.strip() for key, cell in zip_longest(header, cells, fillvalue="")}
-
-
 def _lines(file: IO[bytes], where: str, needles: Sequence[bytes], numbers: list[int]) -> Iterator[str]:
     """The lines of a table with one of the needles, and the first line; `numbers` gets the number of each."""
     number = 0
@@ -272,14 +221,57 @@ class _Run(NamedTuple):
     later_s: float
     at_intervals: bool
 
-    def day_in_words(self, day: datetime.date | None) -> str:
-        """The service day of the run, which began before the wanted day."""
-        if day is not None:
-            return f"{day - datetime.timedelta(days=self.days_before)}"
-        return "before" if self.days_before == 1 else f"{self.days_before} days before"
 
+class _Feed:
+    """A feed whose tables are read row by row."""
 
-class _Feed(FeedTables):
+    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
+        self.path, self.archive = path, archive
+        self.members: dict[str, zipfile.ZipInfo] = {}
+        for member in archive.infolist():
+            place = PurePosixPath(member.filename.replace("\\", "/"))
+            if place.suffix == ".txt" and "__MACOSX" not in place.parts:
+                kept = self.members.get(place.name)
+                # A feed may be in a folder of the zip; of two tables with one name, the one nearer to the root counts.
+                if kept is None or len(place.parts) < len(PurePosixPath(kept.filename).parts):
+                    self.members[place.name] = member
+        if "stop_times.txt" not in self.members:
+            raise InputError(path, "stop_times.txt", MISSING, "the tables of a GTFS feed in the zip")
+        for name, member in self.members.items():
+            self._check_member(name, member)
+
+    def _check_member(self, name: str, member: zipfile.ZipInfo) -> None:
+        """Check a table by its entry in the zip before unpacking; raises InputError."""
+        most = MOST_BYTES.get(name, MOST_BYTES_OF_TABLE)
+        swells = member.file_size > max(SWELLS_FROM_BYTES, SWELLING * max(member.compress_size, 1))
+        if member.file_size > most or swells:
+            size = f"{member.file_size / MEGABYTE:.0f} MB from {member.compress_size / MEGABYTE:.2f} MB"
+            raise InputError(self.path, name, size, f"at most {most / MEGABYTE:g} MB, and {SWELLING:g} times the zip")
+        if member.header_offset >= self.path.stat().st_size:
+            raise InputError(self.path, name, f"at byte {member.header_offset}", "a place in the zip")
+        if member.flag_bits & 1 or member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise InputError(self.path, name, "packed in another way", "a deflated table without a password")
+
+    def rows(self, name: str, needed: Sequence[str], containing: Sequence[str] = ()) -> Iterator[tuple[int, Row]]:
+        """The rows of a table with their line numbers; only rows that contain one of the texts, if any are given.
+
+        Yields nothing if the feed has no such table. Raises InputError for a missing column.
+        """
+        if name not in self.members:
+            return
+        where = f"{self.path}: {name}"
+        with refused(where), self.archive.open(self.members[name]) as file:
+            numbers: list[int] = []
+            needles = tuple(one.replace('"', '""').encode() for one in containing)
+            reader = csv.reader(_lines(file, where, needles, numbers))
+            header = [one.strip() for one in next(reader, [])]
+            for column in needed:
+                if column not in header:
+                    raise InputError(where, f"column {column}", MISSING, f"the columns {', '.join(needed)}")
+            for cells in reader:
+                if any(cells):
+                    yield numbers[-1], {key: cell.strip() for key, cell in zip_longest(header, cells, fillvalue="")}
+
     def trip(self, wanted: TripChoice) -> FeedTrip:
         """The requested trip; raises DasError if there is none or the choice is not clear."""
         stops = _Stops({row["stop_id"]: row for _, row in self.rows("stops.txt", ("stop_id",))})
@@ -297,7 +289,10 @@ class _Feed(FeedTables):
             notes = (*notes, f"the trip runs at intervals (frequencies.txt); {taken}")
         if run.days_before:
             leaves = f"leaves {made[0].name} at {file_clock(run.leaves_s)}, which is {file_clock(made[0].departure_s)}"
-            notes = (*notes, f"it {leaves} of the service day {run.day_in_words(wanted.day)}")
+            day = "before" if run.days_before == 1 else f"{run.days_before} days before"
+            if wanted.day is not None:
+                day = f"{wanted.day - datetime.timedelta(days=run.days_before)}"
+            notes = (*notes, f"it {leaves} of the service day {day}")
         route, agency = self._line_of(trip)
         words = [route.get("route_short_name", ""), trip.get("trip_short_name", ""), trip.get("trip_headsign", "")]
         if _is_no_train(route):

@@ -16,6 +16,7 @@ from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
 from das.domain.levels import Level
 from das.domain.losses import EfficiencyLoss, LossMap, fit_mean_efficiency, operating_points
+from das.domain.route import Floats
 from das.domain.units import KMH, KN, KW
 from das.domain.vehicle import Vehicle
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from das.drawing.picture import Picture
-
-Floats = NDArray[np.float64]
 
 CRUISING_MPS = np.arange(40.0, 160.5) * KMH
 """Speeds of cruising on level track at which the deviation of a fit is computed."""

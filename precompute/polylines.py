@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from das.domain.earth import distances_m, steps_m
-
-Floats = NDArray[np.float64]
+from das.domain.earth import Floats, distances_m, steps_m
 
 
 def along_m(latitude_deg: Floats, longitude_deg: Floats) -> Floats:

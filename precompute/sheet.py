@@ -15,7 +15,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das import __version__
 from das.advice.guide.planning import Wanted, planned
@@ -23,7 +22,7 @@ from das.advice.guide.timeline import timeline
 from das.advice.regimes import InstructionKind
 from das.domain.braking import USUAL
 from das.domain.journey import Window
-from das.domain.route import Route
+from das.domain.route import Floats, Route
 from das.domain.units import KM, KMH, kmh, kwh_words
 from das.drawing.colors import LIMIT, MODES
 from das.offline.asked_journey import Held, Passing
@@ -31,8 +30,6 @@ from das.offline.journey import JourneyPlan, JourneyPlanner, SectionPlan
 from das.solver.guide.policies import GuideFront, PolicySettings
 from das.solver.guide.schedule import Prospect, Schedule
 from das.solver.section import Section, with_braking
-
-Floats = NDArray[np.float64]
 
 CHANGE_S = PolicySettings().young_s
 """Time (s) of full power whose energy a change of regime must save: as much as a change of an instruction that has just
@@ -234,16 +231,13 @@ def said_lines(sheet: SectionSheet) -> list[SaidLine]:
     for line, end_m in zip(sheet.lines, ends_m, strict=True):
         before = found[-1] if found else None
         slows = before is not None and before.line.kind in (InstructionKind.COAST, InstructionKind.BRAKE)
-        if before is not None and slows and _holds(line, before.line.speed_mps):
+        holds = line.kind is InstructionKind.HOLD
+        if before is not None and slows and holds and abs(line.speed_mps - before.line.speed_mps) < HELD_MPS:
             kept = replace(before.line, speed_mps=line.speed_mps)
             found[-1] = before._replace(line=kept, held_m=line.s_m, end_m=end_m)
         else:
             found.append(SaidLine(line, _held_m(sheet, line, end_m), end_m, sheet.speed_at(line.s_m)))
     return found
-
-
-def _holds(line: SheetLine, speed_mps: float) -> bool:
-    return line.kind is InstructionKind.HOLD and abs(line.speed_mps - speed_mps) < HELD_MPS
 
 
 def _held_m(sheet: SectionSheet, line: SheetLine, end_m: float) -> float | None:

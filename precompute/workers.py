@@ -57,22 +57,6 @@ class Made(Generic[Job, Result]):
     error: Exception | None = None
 
 
-def made_here(
-    make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object], *, finish: bool
-) -> Generator[Made[Job, Result]]:
-    """Yield the outcome of each job as it ends on a process of this machine; see `Workers.made`."""
-    pool = _Pool(make, jobs, count, prepare)
-    try:
-        yield from pool.run()
-    except KeyboardInterrupt:
-        if finish:
-            pool.give_no_more()
-            yield from pool.run()
-        raise
-    finally:
-        pool.stop()
-
-
 @dataclass(eq=False)
 class _Task(Generic[Job]):
     job: Job
@@ -107,37 +91,31 @@ def signals_held(numbers: Sequence[signal.Signals]) -> Iterator[None]:
 
 
 class _Pool(Generic[Job, Result]):
-    """The workers of one `made_here`, the waiting jobs, and their outcomes."""
+    """The workers of this machine, the waiting jobs, and their outcomes."""
 
     def __init__(
         self, make: Callable[[Job], Result], jobs: Sequence[Job], count: int, prepare: Callable[[], object]
     ) -> None:
         self._make, self._prepare, self._count = make, prepare, count
-        self._waiting = deque(_Task(job) for job in jobs)
+        self.waiting = deque(_Task(job) for job in jobs)
         self._made: deque[Made[Job, Result]] = deque()
         self._workers: list[_Worker[Job]] = []
         self._false_starts = 0
 
     def run(self) -> Generator[Made[Job, Result]]:
         """Yield outcomes until no job waits or is under way; after an interruption it can be called again."""
-        yield from self._handed_out()
-        while self._waiting or any(worker.task for worker in self._workers):
-            while len(self._workers) < min(self._count, len(self._workers) + len(self._waiting)):
+        while True:
+            while self._made:
+                yield self._made.popleft()
+            if not self.waiting and not any(worker.task for worker in self._workers):
+                return
+            while self.waiting and len(self._workers) < self._count:
                 self._start()
             heard = wait([worker.connection for worker in self._workers])  # an interruption takes effect here …
             with signals_held(STOP_SIGNALS):  # … and not in the middle of a message
                 for worker in [worker for worker in self._workers if worker.connection in heard]:
                     self._listen(worker)
                 self._give()
-            yield from self._handed_out()
-
-    def _handed_out(self) -> Generator[Made[Job, Result]]:
-        while self._made:
-            yield self._made.popleft()
-
-    def give_no_more(self) -> None:
-        """Drop the waiting jobs."""
-        self._waiting.clear()
 
     def stop(self) -> None:
         """End the workers immediately."""
@@ -161,8 +139,8 @@ class _Pool(Generic[Job, Result]):
 
     def _give(self) -> None:
         for worker in self._workers:
-            if worker.ready and worker.task is None and self._waiting:
-                worker.task = self._waiting.popleft()
+            if worker.ready and worker.task is None and self.waiting:
+                worker.task = self.waiting.popleft()
                 with suppress(OSError):  # it has just died, which `_listen` will notice
                     worker.connection.send(worker.task.job)
 
@@ -195,7 +173,7 @@ class _Pool(Generic[Job, Result]):
             return
         task.deaths += 1
         if task.deaths < ATTEMPTS:
-            self._waiting.append(task)
+            self.waiting.append(task)
         else:
             error = JobLostError(f"its worker died {task.deaths} times, last {end}")
             self._made.append(Made(job=task.job, attempts=task.deaths, error=error))
@@ -291,9 +269,19 @@ class Workers:
         Raises DasError if local workers cannot be started, if no scheduler answers or has workers, or if a worker runs
         other code than we do.
         """
-        if self.scheduler is None:
-            return made_here(make, jobs, min(self.count, len(jobs)), prepare, finish=finish)
-        return _made_on_cluster(make, jobs, self.scheduler)
+        if self.scheduler is not None:
+            yield from _made_on_cluster(make, jobs, self.scheduler)
+            return
+        pool = _Pool(make, jobs, min(self.count, len(jobs)), prepare)
+        try:
+            yield from pool.run()
+        except KeyboardInterrupt:
+            if finish:
+                pool.waiting.clear()
+                yield from pool.run()
+            raise
+        finally:
+            pool.stop()
 
 
 def _made_on_cluster(make: Callable[[Job], Result], jobs: Sequence[Job], address: str) -> Generator[Made[Job, Result]]:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError, InfeasibleError
+from das.domain.route import Floats
 from das.domain.trajectory import EnergyBalance, Trajectory
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy
@@ -28,7 +29,6 @@ from das.solver.solution import Fit, trajectory_on
 from das.solver.warm_up import tiny_route, tiny_vehicle
 from precompute.baselines import Strategy, kernels
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LOWEST_CRUISE_MPS = 1.0

@@ -154,10 +154,10 @@ def journey(
 
 
 def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> None:
-    if files.out is not None:
-        from precompute.cli.report import write_trajectory
+    from precompute.cli import report
 
-        write_trajectory(files.out, plan.trajectory())
+    if files.out is not None:
+        report.write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:
         from das.drawing.picture import draw_runs
 

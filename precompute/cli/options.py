@@ -38,10 +38,6 @@ if TYPE_CHECKING:
 
 MOST_PERCENT = 1e4
 
-TimeOption = Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")]
-BufferOption = Annotated[
-    float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
-]
 RefineOption = Annotated[
     str, typer.Option("--refine", metavar="off|on", help="Refine optimal runs beyond the solver's table.")
 ]
@@ -121,8 +117,10 @@ class WorldOptions:
 class TripTime:
     """The time in which a section is driven: in s, or in % above the least possible time."""
 
-    time_s: TimeOption = None
-    buffer_percent: BufferOption = None
+    time_s: Annotated[float | None, typer.Option("--time", metavar="S", help="Trip time in s.")] = None
+    buffer_percent: Annotated[
+        float | None, typer.Option("--buffer", metavar="PERCENT", help="Trip time as % above the least possible one.")
+    ] = None
 
     def check(self, *, needed: bool) -> None:
         """Raise DasError if both are given, or if neither is given although a time is `needed`."""

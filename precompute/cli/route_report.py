@@ -91,11 +91,6 @@ def warnings(route: Route) -> list[str]:
     return [*unusual_in(route), *_stops(route), *_limits(route), *_gradients(route)]
 
 
-def notes(route: Route) -> list[str]:
-    """A sentence for each kind of data that a route lacks."""
-    return [*filter(None, [energy_range(route)]), *_lacks(route)]
-
-
 def _stops(route: Route) -> Iterator[str]:
     names = Counter(stop.name.casefold() for stop in route.stops)
     for name in (name for name, count in names.items() if count > 1):
@@ -138,7 +133,10 @@ def _gradients(route: Route) -> Iterator[str]:
         yield f"gradients: {count} kinks above {KINK_RATIO / PERMILLE:g} ‰, the largest at {largest}"
 
 
-def _lacks(route: Route) -> Iterator[str]:
+def notes(route: Route) -> Iterator[str]:
+    """A sentence for each kind of data that a route lacks."""
+    if uncertain := energy_range(route):
+        yield uncertain
     if not len(route.geometry_position_m):
         yield "no geometry: recorded trips with GPS need kilometre posts (--posts)"
     if not route.data_source:

@@ -180,7 +180,7 @@ def _route(source: str, _on: OnRoute, _of: OfTrain) -> ShownFile:
         tell=lambda: print_table(route_report.table(route)),
         draw=lambda: route_report.draw_line(route),
         warnings=route_report.warnings(route),
-        notes=route_report.notes(route),
+        notes=list(route_report.notes(route)),
     )
 
 

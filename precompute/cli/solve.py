@@ -33,14 +33,13 @@ if TYPE_CHECKING:
     from precompute.cli.report import Answer
 
 
-StrategyOption = Annotated[Strategy, typer.Option("--strategy", help="Driving strategy; 'fastest' takes no --time.")]
-
-
 def solve(
     pose: Pose,
     trip: TripTime,
     files: RunFiles,
-    strategy: StrategyOption = Strategy.OPTIMAL,
+    strategy: Annotated[
+        Strategy, typer.Option("--strategy", help="Driving strategy; 'fastest' takes no --time.")
+    ] = Strategy.OPTIMAL,
     refine: RefineOption = "on",
 ) -> None:
     """Find the least-energy run over a section in a given time, or the run of a simpler strategy.
@@ -84,8 +83,8 @@ def solve(
     files.tell()
 
 
-def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
-    """Section, front, least time (s), and the computing time of the front without compilation (s)."""
+def _solved_front(pose: Pose) -> tuple[Front, float, float]:
+    """The front, its least time (s), and its computing time without compilation (s)."""
     with loading_solver("precompute.late_kernels"):
         from das.solver.solve import solve_front
         from das.solver.warm_up import warm_up
@@ -96,15 +95,15 @@ def _solved_front(pose: Pose) -> tuple[Section, Front, float, float]:
     with busy("solving …"):
         front = solve_front(section)
         min_time_s = front.fastest().time_s
-    return section, front, min_time_s, time.perf_counter() - began
+    return front, min_time_s, time.perf_counter() - began
 
 
 def _optimal(pose: Pose, trip: TripTime, refine: bool) -> tuple[Section, Answer, float, float]:
-    section, front, min_time_s, front_s = _solved_front(pose)
+    front, min_time_s, front_s = _solved_front(pose)
     wanted_s = trip.wanted_s(min_time_s)
     assert wanted_s is not None
     ((answer, run_s),) = _runs(front, [wanted_s], refine)
-    return section, answer, min_time_s, front_s + run_s
+    return front.section, answer, min_time_s, front_s + run_s
 
 
 def _baseline(pose: Pose, trip: TripTime, strategy: Strategy) -> tuple[Section, Answer, float, float]:
@@ -177,7 +176,7 @@ def front(
     files.check(*pose.inputs())
     with_refinement, usual = is_refined(refine), EXACT_BUFFERS_PERCENT if files.exact else BUFFERS_PERCENT
     wanted = buffer_numbers(usual if buffers is None else buffers)
-    section, solved, min_time_s, front_s = _solved_front(pose)
+    solved, min_time_s, front_s = _solved_front(pose)
     if files.exact:
         from precompute.exact.command import exact_front
 
@@ -191,11 +190,11 @@ def front(
         point = report.solution_json(solution, min_time_s, solve_s)
         points.append({"buffer_percent": buffer_percent, **point})
     if files.plot is not None:
-        report.draw_front(files.plot, section, [solution for solution, _ in runs])
+        report.draw_front(files.plot, solved.section, [solution for solution, _ in runs])
     if files.as_json:
         print(json.dumps({"min_time_s": min_time_s, "front_s": front_s, "points": points}))
         return
-    report.print_solutions(section.name, points)
+    report.print_solutions(solved.section.name, points)
     files.tell()
 
 

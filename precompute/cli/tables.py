@@ -35,8 +35,6 @@ gap %: largest excess of a run's energy over the least possible, of the runs
 refined: by how much the refinement lowered the energy of the runs, on average
   in %. –: they were not refined."""
 
-FolderArgument = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")]
-
 
 def build(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Routes × trains × loads × levels.")],
@@ -82,7 +80,10 @@ def build(
         raise typer.Exit(EXIT_SOME_FAILED)
 
 
-def verify(folder: FolderArgument, as_json: JsonOption = False) -> None:
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of tables, or one table.")],
+    as_json: JsonOption = False,
+) -> None:
     """Check tables: every byte, compatibility with this release, and completeness.
 
     The exit code is 1 if a table is damaged, missing, or of another release.

@@ -6,12 +6,12 @@ import contextlib
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.command_line.printing import new_table
 from das.domain.errors import DasError, shortened
 from das.domain.levels import Level
 from das.domain.plausibility import warnings_of
+from das.domain.route import Floats
 from das.domain.units import KM, KMH, KN, KW, STANDARD_GRAVITY_MPS2, TONNE, kmh, kwh
 from das.domain.vehicle import Vehicle
 from das.drawing.colors import GRID, INK, QUIET, SEVERAL
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from das.drawing.picture import Picture
-
-Floats = NDArray[np.float64]
 
 STEPS = 10
 """Number of speeds above standstill in the table of a train."""

@@ -10,23 +10,23 @@ quick passes that keep one label per state and bucket of time; each pass tighten
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import count, pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from das.domain.errors import DasError
+from das.domain.route import Floats
 from das.domain.trajectory import Trajectory
 from das.solver.section import Section
 from das.solver.solution import trajectory_on
 from precompute.exact import kernels
-from precompute.exact.grid import Graph, Grid, Layer, fastest_run, onward_arcs, totals, viable_layers
+from precompute.exact.grid import Graph, Grid, Ints, Layer, fastest_run, onward_arcs, totals, viable_layers
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Labels32 = NDArray[np.uint32]
 
 Progress = Callable[[str, int, int], None]
@@ -35,9 +35,8 @@ Progress = Callable[[str, int, int], None]
 BLOCKS = 24
 """Number of blocks into which the states of a node are split for the threads."""
 LADDER = 90
-FIRST_LADDER = 40
-FIRST_RATIOS = (0.01, 30.0)
-"""Multiples of the train's power between which the first multipliers lie."""
+FIRST_RATIOS = np.concatenate(([0.0, 1e-3], np.geomspace(0.01, 30.0, 38)))
+"""First multipliers, as multiples of the train's power: they span the front of any train."""
 STEEPER = tuple(2.0**i for i in range(1, 11))
 """Factors on the refined ladder's largest multiplier that extend the ladder: the front is steep near the least time."""
 ROUNDING_J = 1.0
@@ -59,18 +58,18 @@ def undominated(time_ns: Ints, energy_mj: Ints) -> Ints:
     return kept
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Known:
+def best_of(runs: Iterable[Sequence[NDArray[Any]]]) -> list[NDArray[Any]]:
+    """The non-dominated ones of several groups of runs, whose first columns are times (ns) and energies (mJ)."""
+    columns = [np.concatenate(parts) for parts in zip(*runs, strict=True)]
+    keep = undominated(columns[0], columns[1])
+    return [column[keep] for column in columns]
+
+
+class Known(NamedTuple):
     """Times (ns, rising) and energies (mJ, falling) of feasible runs; no run that they dominate is on the front."""
 
     time_ns: Ints
     energy_mj: Ints
-
-    def with_runs(self, time_ns: Ints, energy_mj: Ints) -> Known:
-        """These runs and the given ones, without dominated ones."""
-        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
-        keep = undominated(time, energy)
-        return Known(time_ns=time[keep], energy_mj=energy[keep])
 
 
 class Duals:
@@ -85,7 +84,7 @@ class Duals:
         layers: list[Layer],
         lambda_w: Floats,
         threads: int,
-        layer_done: Callable[[], None] = lambda: None,
+        layer_done: Callable[[], None],
         *,
         onward: bool = True,
     ) -> None:
@@ -150,11 +149,6 @@ class Duals:
             row = choice[row, np.where(k < at, first, then)]
             speeds[:, k + 1] = self._layers[k + 1].speed[row]
         return speeds
-
-
-def first_ladder(power_w: float) -> Floats:
-    """Multipliers (W) that span the front of any train."""
-    return power_w * np.concatenate(([0.0, 1e-3], np.geomspace(*FIRST_RATIOS, FIRST_LADDER - 2)))
 
 
 def refined_ladder(lambda_w: Floats, time_ns: Ints, least_ns: int, latest_ns: int) -> Floats:
@@ -298,8 +292,7 @@ class Half:
         return speeds
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Joined:
+class Joined(NamedTuple):
     """Runs joined from two halves, time rising and energy falling, with the two labels of each run."""
 
     time_ns: Ints
@@ -307,32 +300,23 @@ class Joined:
     first: Labels32
     second: Labels32
 
-    def with_runs(self, time_ns: Ints, energy_mj: Ints, first: Labels32, second: Labels32) -> Joined:
-        """These runs and the given ones, without dominated ones."""
-        time, energy = np.concatenate((self.time_ns, time_ns)), np.concatenate((self.energy_mj, energy_mj))
-        keep = undominated(time, energy)
-        first = np.concatenate((self.first, first))[keep]
-        second = np.concatenate((self.second, second))[keep]
-        return Joined(time_ns=time[keep], energy_mj=energy[keep], first=first, second=second)
-
 
 class Pass:
     """One pass over all intervals; `runs` are the non-dominated runs of its joined labels."""
 
-    def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress | None) -> None:
+    def __init__(self, search: Search, known: Known, bucket_ns: int, progress: Progress) -> None:
         self._search = search
         bounds = Bounds.of(search, known)
         self._first = Half(search, bounds, bucket_ns, onward=True)
         self._second = Half(search, bounds, bucket_ns, onward=False)
-        what = f"bounds, {bucket_ns / 1e6:g} ms" if bucket_ns else "exact front"
+        what = f"bounds, {bucket_ns / NS_PER_MS:g} ms" if bucket_ns else "exact front"
         intervals = search.graph.intervals
         with ThreadPoolExecutor(search.threads) as pool:
             for done in range(1, intervals + 1):
                 first = len(self._first.labels) <= len(self._second.labels)
                 (self._first if first else self._second).advance(pool)
                 self._check_memory(done)
-                if progress is not None:
-                    progress(what, done, intervals)
+                progress(what, done, intervals)
             self.runs = self._joined(pool, known)
 
     @property
@@ -366,32 +350,25 @@ class Pass:
         known_mj = _least_mj(known.time_ns, known.energy_mj, step_ns)
 
         def block(part: tuple[int, int]) -> Joined:
-            found, least_mj, (state, stop) = _nothing(), known_mj, part
+            none, no_label = np.empty(0, np.int64), np.empty(0, np.uint32)
+            found, least_mj, (state, stop) = Joined(none, none, no_label, no_label), known_mj, part
             while state < stop:
                 *runs, state = kernels.join_labels(
                     state, stop, a.offset, a.time_ns, a.energy_mj, b.offset, b.time_ns, b.energy_mj,
                     latest_ns, least_mj, origin_ns, width_ns,
                 )  # fmt: skip
-                found = found.with_runs(*runs)
+                found = Joined(*best_of((found, runs)))
                 if state < stop:
                     least_mj = np.minimum(least_mj, _least_mj(found.time_ns, found.energy_mj, step_ns))
             return found
 
-        result = _nothing()
-        for found in pool.map(block, _blocks(len(a.offset) - 1)):
-            result = result.with_runs(found.time_ns, found.energy_mj, found.first, found.second)
-        return result
+        return Joined(*best_of(pool.map(block, _blocks(len(a.offset) - 1))))
 
 
 def _least_mj(time_ns: Ints, energy_mj: Ints, until_ns: Ints) -> Ints:
     """Least energy (mJ) of the runs that take at most each of the times `until_ns`; NEVER if there is none."""
     count = np.searchsorted(time_ns, until_ns, side="right")
     return np.concatenate(([kernels.NEVER], energy_mj))[count]
-
-
-def _nothing() -> Joined:
-    none, no_label = np.empty(0, np.int64), np.empty(0, np.uint32)
-    return Joined(time_ns=none, energy_mj=none, first=no_label, second=no_label)
 
 
 def _blocks(size: int) -> list[tuple[int, int]]:
@@ -405,21 +382,21 @@ SWEEPS = 5
 """Number of sweeps: two find the states, three the bounds."""
 
 NS_PER_MS = 1e6
-BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000, 0)
-"""The buckets of time (ns) of the passes; the last pass, without buckets, is exact."""
-LARGEST_MEMORY_BYTES = 20e9
+BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000)
+"""The buckets of time (ns) of the passes before the last one, as far as they are larger than its buckets."""
+USUAL_MEMORY_BYTES = min(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), 20e9)
+"""Memory for labels: 80 % of the machine's, at most 20 GB."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactFront:
-    """Every Pareto-optimal run of a section on a grid, up to a time; or, with `bucket_ms`, runs near these.
+    """Every Pareto-optimal run of a section on a grid, up to a time; or, with `Limits.bucket_ms`, runs near these.
 
     `time_s` rises and `energy_j` (at the current collector) falls. `supported_j` is the supported front, the lower
     convex hull, at the same times. `swept_time_s` and `swept_energy_j` are the runs that the fast solver's method finds
     on this grid: with one multiplier, or with one up to a node and the neighbouring one from there on. `labels` counts
     all partial runs that were kept in the last pass. `bound_j` is the dual bound: no run on the grid needs less in the
-    same time. If `bucket_ms` is not 0, the last pass kept one partial run per state and bucket of time, and the runs
-    are the best of these and of the swept ones.
+    same time. With `Limits.bucket_ms` the runs are the best of those that the last pass kept and of the swept ones.
     """
 
     section: Section
@@ -431,7 +408,6 @@ class ExactFront:
     swept_energy_j: Floats
     labels: int
     bound_j: Floats
-    bucket_ms: float
     _graph: Graph
     _run_of: Callable[[int], Ints]
 
@@ -467,11 +443,12 @@ class ExactFront:
 class Limits:
     """Limits of the search.
 
-    `max_memory_bytes` is the memory for labels (None: 80 % of the machine's, at most 20 GB). If `bucket_ms` is not 0,
-    the search keeps one partial run per state and bucket of time: it finds only runs near the front, and a lower bound.
+    `max_memory_bytes` is the memory for labels (default: 80 % of the machine's, at most 20 GB). If `bucket_ms` is not
+    0, the search keeps one partial run per state and bucket of time: it finds only runs near the front, and a lower
+    bound.
     """
 
-    max_memory_bytes: float | None = None
+    max_memory_bytes: float = USUAL_MEMORY_BYTES
     bucket_ms: float = 0.0
 
 
@@ -482,7 +459,7 @@ def solve_exact(
     grid: Grid | None = None,
     threads: int = 2,
     limits: Limits | None = None,
-    progress: Progress | None = None,
+    progress: Progress = lambda _step, _done, _whole: None,
 ) -> ExactFront:
     """All Pareto-optimal runs of a section that take at most (1 + max_buffer_ratio) times the least time of the grid.
 
@@ -501,7 +478,7 @@ def solve_exact(
         from_start=Duals(graph, layers, duals.lambda_w, threads, layer_done, onward=False),
         latest_ns=latest_ns,
         threads=threads,
-        max_memory_bytes=default_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
+        max_memory_bytes=limits.max_memory_bytes,
     )
     last = _last_pass(search, swept, limits.bucket_ms, progress)
     time_ns = np.concatenate((last.runs.time_ns, swept.time_ns))
@@ -520,31 +497,23 @@ def solve_exact(
         swept_energy_j=swept.energy_mj / kernels.MJ,
         labels=last.count,
         bound_j=duals.bound_j(time_s),
-        bucket_ms=limits.bucket_ms,
         _graph=graph,
         _run_of=lambda index: last.run(int(keep[index])) if keep[index] < passed else swept_runs[keep[index] - passed],
     )
 
 
-def _counted(progress: Progress | None, intervals: int) -> Callable[[], None]:
+def _counted(progress: Progress, intervals: int) -> Callable[[], None]:
     """A function that reports, each time it is called, that one more interval of the sweeps is done."""
     done = count(1)
-    return lambda: progress(STATES, min(next(done), intervals), intervals) if progress is not None else None
+    return lambda: progress(STATES, min(next(done), intervals), intervals)
 
 
-def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progress | None) -> Pass:
+def _last_pass(search: Search, known: Known, bucket_ms: float, progress: Progress) -> Pass:
     """The last of the passes, after quicker ones whose runs make its bounds tight."""
-    *buckets, last_bucket_ns = passes(bucket_ms)
-    for bucket_ns in buckets:
-        runs = Pass(search, known, bucket_ns, progress).runs
-        known = known.with_runs(runs.time_ns, runs.energy_mj)
+    last_bucket_ns = round(bucket_ms * NS_PER_MS)
+    for bucket_ns in (one for one in BUCKETS_NS if one > last_bucket_ns):
+        known = Known(*best_of((known, Pass(search, known, bucket_ns, progress).runs[:2])))
     return Pass(search, known, last_bucket_ns, progress)
-
-
-def passes(bucket_ms: float) -> tuple[int, ...]:
-    """The buckets (ns) of all passes; the last one has `bucket_ms`, which is 0 for the exact front."""
-    last = round(bucket_ms * NS_PER_MS)
-    return (*(bucket_ns for bucket_ns in BUCKETS_NS if bucket_ns > last), last)
 
 
 def _swept(
@@ -556,7 +525,7 @@ def _swept(
     """
     fastest = fastest_run(graph, layers)[np.newaxis]
     least_ns = int(totals(graph, fastest)[0][0])
-    ladder = first_ladder(graph.section.train.traction_power_w)
+    ladder = graph.section.train.traction_power_w * FIRST_RATIOS
     first_runs = Duals(graph, layers, ladder, threads, layer_done).runs()
     time_ns, _ = totals(graph, first_runs)
     ladder = refined_ladder(ladder, time_ns, least_ns, latest_ns)
@@ -566,13 +535,4 @@ def _swept(
     time_ns, energy_mj = totals(graph, runs)
     keep = undominated(time_ns, energy_mj)
     keep = keep[time_ns[keep] <= latest_ns]
-    return duals, Known(time_ns=time_ns[keep], energy_mj=energy_mj[keep]), runs[keep]
-
-
-def default_memory_bytes() -> float:
-    """80 % of the machine's memory, at most 20 GB."""
-    try:
-        installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return LARGEST_MEMORY_BYTES
-    return min(0.8 * installed, LARGEST_MEMORY_BYTES)
+    return duals, Known(time_ns[keep], energy_mj[keep]), runs[keep]

@@ -144,9 +144,7 @@ class Arcs(NamedTuple):
         return Arcs(np.concatenate(([0], np.cumsum(counts))), source[order])
 
 
-def viable_layers(
-    graph: Graph, max_buffer_ratio: float, layer_done: Callable[[], None] = lambda: None
-) -> tuple[list[Layer], int]:
+def viable_layers(graph: Graph, max_buffer_ratio: float, layer_done: Callable[[], None]) -> tuple[list[Layer], int]:
     """Layers of the states that lie on a run of at most (1 + buffer) times the least time, and this longest time (ns).
 
     `layer_done` is called after each interval, in the forward sweep and in the backward sweep. Raises InfeasibleError
@@ -216,11 +214,9 @@ def _reached(
 def totals(graph: Graph, runs: Ints) -> tuple[Ints, Ints]:
     """Time (ns) and energy (mJ) of runs given by their speeds at the nodes, (runs, nodes)."""
     time, energy = np.zeros(len(runs), np.int64), np.zeros(len(runs), np.int64)
-    line, section = graph.line, graph.section
+    params = (*graph.line.for_kernels, graph.section.train, graph.section.loss_params)
     for i, run in enumerate(runs):
-        time[i], energy[i] = kernels.run_total(
-            run, graph.unit_mps, *line.for_kernels, section.train, section.loss_params
-        )  # fmt: skip
+        time[i], energy[i] = kernels.run_total(run, graph.unit_mps, *params)
     return time, energy
 
 

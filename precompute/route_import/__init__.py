@@ -14,7 +14,7 @@ from das.domain.route import Altitudes, Route, Stop
 from das.domain.units import KM
 from precompute.route_import.altitudes import with_altitudes
 from precompute.route_import.from_map import line_from_map
-from precompute.route_import.line import OF_MAPS, ImportedLine, ImportOrder, Words, cut
+from precompute.route_import.line import ImportedLine, ImportOrder, Words, cut
 from precompute.route_import.tables import LineTable, line_from_tables, read_table
 from precompute.route_import.track_map import MapPlace, TrackMap, read_map, same_station
 
@@ -100,7 +100,7 @@ def _with_stations(the_map: TrackMap, tables: Sequence[LineTable]) -> TrackMap:
 
 
 def _from_tables(order: ImportOrder, words: Words, tables: Sequence[LineTable]) -> ImportedLine:
-    if any(getattr(order, name) not in (getattr(ImportOrder, name), []) for name in OF_MAPS):
+    if order.via or order.only_named_stops or order.limit_kmh is not None:
         raise DasError("--via, --only-named-stops and --limit belong to maps, not to tables")
     ends = order.start or "start", order.end or "end"
     length_m = None if order.length_km is None else order.length_km * KM

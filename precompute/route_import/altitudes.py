@@ -92,17 +92,15 @@ def _points(route: Route, table: LineTable) -> tuple[Floats, Floats]:
 
 def _position_m(route: Route, table: LineTable, row: int) -> float | None:
     """The position of an altitude on the line (m); None if it is off the line."""
-    at_m = table.numbers["position"][row] if table.has("position") else None
+    at_m, latitude, longitude = (table.cell(row, name) for name in ("position", "latitude", "longitude"))
     if at_m is not None:
         return at_m
-    if table.has("latitude", "longitude"):
-        latitude, longitude = table.numbers["latitude"][row], table.numbers["longitude"][row]
-        if latitude is not None and longitude is not None:
-            if len(route.geometry_position_m) < 2:
-                raise DasError(f"{table.path}: altitudes by coordinates, but the line has no geometry")
-            line = route.geometry_position_m, route.geometry_latitude_deg, route.geometry_longitude_deg
-            found_m, away_m = nearest_on_line(line, latitude, longitude)
-            return found_m if away_m <= FAR_M else None
+    if latitude is not None and longitude is not None:
+        if len(route.geometry_position_m) < 2:
+            raise DasError(f"{table.path}: altitudes by coordinates, but the line has no geometry")
+        line = route.geometry_position_m, route.geometry_latitude_deg, route.geometry_longitude_deg
+        found_m, away_m = nearest_on_line(line, latitude, longitude)
+        return found_m if away_m <= FAR_M else None
     name = table.names[row] if table.names else ""
     stops = [stop for stop in route.stops if name and same_station(stop.name, name)]
     if name and not stops:

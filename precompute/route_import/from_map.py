@@ -9,13 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from das.domain.earth import steps_m
 from das.domain.errors import DasError
 from das.domain.route import Floats, Stop, Tunnel, Zone
 from das.domain.units import KM, KMH, PERCENT, kmh
-from precompute.polylines import nearest_on_line
+from precompute.polylines import along_m, nearest_on_line
 from precompute.route_import.line import ImportedLine, ImportOrder, Words, made_route, stretches, zones_where
-from precompute.route_import.track_graph import JOINED_M, FoundWay, TrackGraph
+from precompute.route_import.track_graph import FoundWay, TrackGraph
 from precompute.route_import.track_map import (
     FIRST_THAT_IS_NO_STOP,
     RANK_OF_A_TRACK,
@@ -42,8 +41,8 @@ def line_from_map(the_map: TrackMap, ends: tuple[str, str], order: ImportOrder, 
     stations = [stations_named(the_map, name) for name in (ends[0], *(order.via or ()), ends[1])]
     if stations[0] == stations[-1]:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are the same place on the tracks")
-    way = TrackGraph(the_map, 0.0 if the_map.is_osm else JOINED_M).way(stations)
-    at_m = np.concatenate(([0.0], np.cumsum(steps_m(way.latitude_deg, way.longitude_deg))))
+    way = TrackGraph(the_map).way(stations)
+    at_m = along_m(way.latitude_deg, way.longitude_deg)
     if at_m[-1] < STOPS_APART_M:
         raise DasError(f"{the_map.source}: {ends[0]} and {ends[1]} are the same place on the tracks")
     length_m = round(float(at_m[-1]), 3)

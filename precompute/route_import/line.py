@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import typer
@@ -16,19 +17,17 @@ from numpy.typing import ArrayLike
 
 from das.domain.errors import DasError, is_seen
 from das.domain.files.reading import MOST_OF_A_NAME
-from das.domain.files.routes import SCHEMA_VERSION
+from das.domain.files.routes import MOST_OF_A_SOURCE, SCHEMA_VERSION
 from das.domain.files.writing import toml_string
 from das.domain.route import Altitudes, Floats, Route, Stop, Stretches, Zone
 from das.domain.units import KM, PERMILLE, kmh
-
-FASTEST_KMH: Final = 600.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOrder:
     """The choice of a line in the files, the source of its altitudes, and substitutes for missing data.
 
-    Options for maps (`OF_MAPS`) may not be given with tables, nor a length with a map.
+    The stations on the way, `only_named_stops` and a limit may not be given with tables, nor a length with a map.
     """
 
     start: Annotated[
@@ -67,7 +66,7 @@ class ImportOrder:
             "--limit",
             metavar="KMH",
             min=1.0,
-            max=FASTEST_KMH,
+            max=600.0,
             help="Limit where a map has none [default: the lower one of the neighbours].",
         ),
     ] = None
@@ -75,10 +74,6 @@ class ImportOrder:
         float | None,
         typer.Option(min=0.001, max=20_000.0, help="Length of a line from tables [default: last stop or row]."),
     ] = None
-
-
-OF_MAPS: Final = ("via", "only_named_stops", "limit_kmh")
-"""The fields of an order that belong to maps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,11 +94,6 @@ class Words:
 
     def check(self) -> None:
         """Raise DasError for a text that a file cannot hold, and for an unknown time zone."""
-        from zoneinfo import ZoneInfo
-
-        from das.domain.files.reading import MOST_OF_A_NAME
-        from das.domain.files.routes import MOST_OF_A_SOURCE
-
         for option, text in (("--source", self.source), ("--licence", self.licence)):
             if text is not None and not (is_seen(text) and len(text) <= MOST_OF_A_SOURCE):
                 raise DasError(f"{option}: expected at most {MOST_OF_A_SOURCE} characters, without control characters")
@@ -204,17 +194,16 @@ def cut(line: ImportedLine, start: Stop, end: Stop, words: Words) -> ImportedLin
     if a <= 0 and b >= route.length_m:
         return line
     stops = tuple(replace(stop, position_m=stop.position_m - a) for stop in route.stops if a <= stop.position_m <= b)
-    quantities: dict[str, Any] = {
+    cut_out: dict[str, Any] = {
         name: _cut_stretches(getattr(route, name), a, b)
         for name in ("limits_mps", "gradients_ratio", "curvature_per_m", "receptivity_ratio")
     }
+    for name in ("tunnels", "neutral_sections", "no_regeneration"):
+        cut_out[name] = _cut_zones(getattr(route, name), a, b)
     at_m = route.geometry_position_m
     inside = at_m[(at_m > a) & (at_m < b)]
     kept_m = np.union1d(inside, (max(a, at_m[0]), min(b, at_m[-1]))) if len(inside) else inside
     latitude_deg, longitude_deg = route.location_deg(kept_m) or (np.empty(0), np.empty(0))
-    zones: dict[str, Any] = {
-        name: _cut_zones(getattr(route, name), a, b) for name in ("tunnels", "neutral_sections", "no_regeneration")
-    }
     route_id, name = _titles(words, stops)
     shorter = replace(
         route,
@@ -227,8 +216,7 @@ def cut(line: ImportedLine, start: Stop, end: Stop, words: Words) -> ImportedLin
         geometry_position_m=kept_m - a,
         geometry_latitude_deg=latitude_deg,
         geometry_longitude_deg=longitude_deg,
-        **quantities,
-        **zones,
+        **cut_out,
     )
     return replace(line, route=shorter, structures=_cut_zones(line.structures, a, b)).with_remarks(
         f"Cut from km {a / KM:.3f} to km {b / KM:.3f} of the tables."

@@ -69,6 +69,10 @@ class LineTable:
         """Whether the table has all of these columns."""
         return all(quantity in self.numbers for quantity in quantities)
 
+    def cell(self, row: int, quantity: str) -> float | None:
+        """The value of a quantity in a row; None for an empty cell, or if there is no such column."""
+        return self.numbers[quantity][row] if quantity in self.numbers else None
+
     def numbered(self, *quantities: str) -> list[tuple[int, tuple[float, ...]]]:
         """Index and values of each row that has a value for all of these quantities; empty if a column is missing."""
         columns = zip(*(self.numbers.get(quantity, ()) for quantity in quantities), strict=self.has(*quantities))
@@ -266,8 +270,7 @@ def _with_positions(table: LineTable, course: Course | None) -> LineTable:
     """The table with a position in each row that has a value; InputError if one is missing or they do not rise."""
     if not table.has("position") and not table.has("latitude", "longitude"):
         raise DasError(f"{table.path}: no column of positions, expected position_km or position_m")
-    empty: tuple[float | None, ...] = (None,) * len(table.lines)
-    given = table.numbers.get("position", empty)
+    given = [table.cell(i, "position") for i in range(len(table.lines))]
     columns = [values for name, values in table.numbers.items() if name != "position"]
     used = [any(one[i] is not None for one in columns) or any(table.names[i : i + 1]) for i in range(len(given))]
     lacking = [i for i, at_m in enumerate(given) if at_m is None and used[i]]
@@ -288,9 +291,7 @@ def _with_positions(table: LineTable, course: Course | None) -> LineTable:
 
 def _projected(table: LineTable, rows: Sequence[int], course: Course | None) -> list[float]:
     """The positions (m) of rows on a course by their coordinates; InputError for a row without any or far away."""
-    nothing: tuple[float | None, ...] = (None,) * len(table.lines)
-    columns = [table.numbers.get(name, nothing) for name in ("latitude", "longitude")]
-    places = [[column[i] for column in columns] for i in rows]
+    places = [[table.cell(i, name) for name in ("latitude", "longitude")] for i in rows]
     for i, place in zip(rows, places, strict=True):
         if None in place:
             raise table.error(i, "position", MISSING, "a position, or latitude and longitude, for the other values")
@@ -311,7 +312,7 @@ def _stops(tables: Sequence[LineTable]) -> list[Stop]:
         for i, name in enumerate(table.names):
             at_m = table.numbers["position"][i]
             if name and at_m is not None:
-                place = [table.numbers.get(key, (None,) * (i + 1))[i] for key in ("latitude", "longitude")]
+                place = [table.cell(i, key) for key in ("latitude", "longitude")]
                 latitude, longitude = place if None not in place else (None, None)
                 stops.append(Stop(name=name, position_m=at_m, latitude_deg=latitude, longitude_deg=longitude))
     return sorted(stops, key=lambda stop: stop.position_m)

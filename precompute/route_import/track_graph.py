@@ -15,15 +15,12 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from das.domain.earth import distances_m
+from das.domain.earth import Floats, distances_m
 from das.domain.errors import DasError
 from das.domain.units import KM
 from precompute.polylines import nearest_on_segments, plane_m
 from precompute.route_import.track_map import UNITS_PER_DEGREE, Key, MapPlace, TrackLine, TrackMap
-
-Floats = NDArray[np.float64]
 
 NEAR_M: Final = 400.0
 """Largest distance (m) from a station at which a track counts as one of the station's tracks."""
@@ -32,7 +29,7 @@ SHARPEST_TURN_COS: Final = math.cos(math.radians(40.0))
 SHORT_M: Final = 15.0
 """Length (m) below which the direction of a piece is uncertain: if no track branches off, it may turn by 90°."""
 JOINED_M: Final = 3.0
-"""Largest gap (m) over which the end of a track is joined to another one: some exports round coordinates."""
+"""Largest gap (m) over which the end of a track is joined to another one: some exports other than OSM's round."""
 UNITS_PER_M: Final = 400
 """Largest number of units of 10⁻⁷ degrees in a metre, up to a latitude of 76°."""
 AT_VERTEX_M: Final = 0.5
@@ -91,12 +88,11 @@ class TrackGraph:
     """The pieces of track of a map between neighbouring vertices, joined at the vertices that they share."""
 
     the_map: TrackMap
-    joined_m: float = JOINED_M
     keys: list[Key] = field(init=False)
     pieces: list[_Piece] = field(init=False)
 
     def __post_init__(self) -> None:
-        joined = _joined_ends(self.the_map.tracks, self.joined_m)
+        joined = {} if self.the_map.is_osm else _joined_ends(self.the_map.tracks)
         self.keys = sorted({joined.get(key, key) for track in self.the_map.tracks for key in track.vertices})
         number = {key: i for i, key in enumerate(self.keys)}
         best: dict[tuple[int, int], _Piece] = {}
@@ -350,9 +346,9 @@ def _rank(piece: _Piece) -> tuple[float, ...]:
     return (*(_price(piece.track, way, False) for way in ways), *limits, *inside)
 
 
-def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]:
-    """The other vertex within `joined_m` of each loose end that has one."""
-    side = max(1, round(joined_m * UNITS_PER_M))
+def _joined_ends(tracks: Sequence[TrackLine]) -> dict[Key, Key]:
+    """The other vertex within `JOINED_M` of each loose end that has one."""
+    side = round(JOINED_M * UNITS_PER_M)
     neighbours: dict[Key, set[Key]] = defaultdict(set)
     for track in tracks:
         for a, b in pairwise(track.vertices):
@@ -373,7 +369,7 @@ def _joined_ends(tracks: Sequence[TrackLine], joined_m: float) -> dict[Key, Key]
             apart_m = distances_m(latitude[0], longitude[0], latitude[1:], longitude[1:])
             nearest_m, nearest = min(zip(apart_m.tolist(), near, strict=True))
             other = _last(joined, nearest)
-            if nearest_m <= joined_m and other != end:
+            if nearest_m <= JOINED_M and other != end:
                 joined[end] = other
     return {end: _last(joined, end) for end in joined}
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import difflib
 import json
 import re
-import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -20,6 +19,7 @@ from das.domain.errors import DasError, InputError, seen
 from das.domain.files.reading import MOST_OF_A_NAME, Fields, read_json
 from das.domain.plausibility import OF_ROUTES
 from das.domain.units import KM, KMH, MPH
+from precompute.gtfs import key_of
 
 MOST_BYTES_OF_MAP: Final = 100_000_000
 """Largest file (bytes) of a map that is read."""
@@ -144,18 +144,13 @@ class _Thing:
     point: Key | None = None
 
 
-def is_map(fields: Fields) -> bool:
-    """Whether a JSON object is an answer of Overpass, or GeoJSON."""
-    return isinstance(fields.data.get("elements"), list) or fields.data.get("type") == "FeatureCollection"
-
-
 def read_map(paths: Sequence[Path]) -> TrackMap:
     """Read tracks and stations from files; DasError for a file that is no map, or has no track."""
     things: list[_Thing] = []
     is_osm = False
     for path in paths:
         fields = read_json(path, MOST_BYTES_OF_MAP)
-        if not is_map(fields):
+        if not isinstance(fields.data.get("elements"), list) and fields.data.get("type") != "FeatureCollection":
             raise DasError(f"{path}: neither an answer of Overpass (elements) nor GeoJSON (a FeatureCollection)")
         found = list(_elements(fields) if "elements" in fields.data else _features(fields))
         things += found
@@ -281,8 +276,7 @@ def _features(fields: Fields) -> Iterator[_Thing]:
     for i, feature in enumerate(features):
         if not isinstance(feature, dict):
             raise fields.error(f"features[{i}]", feature, "a feature")
-        properties = feature.get("properties") if isinstance(feature.get("properties"), dict) else {}
-        assert isinstance(properties, dict)
+        properties = feature["properties"] if isinstance(feature.get("properties"), dict) else {}
         numbers = (properties.get("@id"), feature.get("id"), properties.get("osm_id"), properties.get("id"))
         name = str(next(filter(None, numbers), i))[:100]
         tags = _tags(properties)
@@ -449,9 +443,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _words(name: str) -> list[str]:
     """The words of a name without case, accents and punctuation, with usual abbreviations written out."""
-    plain = unicodedata.normalize("NFKD", name.casefold())
-    plain = "".join(one for one in plain if not unicodedata.combining(one)).replace("ø", "o").replace("ł", "l")
-    return [_ABBREVIATED.get(word, word) for word in re.findall(r"\w+", re.sub(r"['’`.]", " ", plain))]
+    return [_ABBREVIATED.get(word, word) for word in key_of(name).replace("ø", "o").replace("ł", "l").split()]
 
 
 def _core(name: str) -> list[str]:

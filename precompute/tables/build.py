@@ -15,9 +15,10 @@ from typing import Any
 
 from das.domain.errors import DasError
 from das.domain.files.writing import folder_held, write_whole
+from das.solver.warm_up import warm_up
 from das.table import OLD, Table
 from precompute.tables.plan import BuildPlan
-from precompute.tables.writing import Job, warm_up
+from precompute.tables.writing import Job
 from precompute.workers import JobLostError, Made, Workers
 
 REPORT = "build.json"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,7 +30,6 @@ class BuildPlan:
 
     source: Path
     jobs: tuple[Job, ...]
-    settings: TableSettings
 
 
 _Line = tuple[Route, tuple[Stop, ...]]
@@ -51,8 +50,7 @@ def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
     trains = [train for entry in _entries(fields, "trains") for train in _trains(entry)]
     if not trains:
         raise fields.error("trains", MISSING, "at least one [[trains]]")
-    settings = _settings(fields.table("tables")) if fields.has("tables") else TableSettings()
-    settings = replace(settings, refined=refined)
+    settings = _settings(fields.optional_table("tables"), refined)
     site = _braking(fields)
     jobs: dict[str, Job] = {}
     for (route, stops), (train, level) in product(lines, trains):
@@ -69,7 +67,7 @@ def read_plan(path: Path, *, refined: bool = True) -> BuildPlan:
             if job.name in jobs:
                 raise InputError(path, "routes or trains", job.name, "every section and train once")
             jobs[job.name] = job
-    return BuildPlan(source=path, jobs=tuple(jobs.values()), settings=settings)
+    return BuildPlan(source=path, jobs=tuple(jobs.values()))
 
 
 def _braking(fields: Fields) -> SiteBraking | None:
@@ -129,9 +127,7 @@ def _stops(fields: Fields, route: Route) -> tuple[Stop, ...]:
 
 def _reversed(route: Route, stops: tuple[Stop, ...]) -> _Line:
     back = route.reversed()
-    count = len(route.stops)
-    places = [route.stops.index(stop) for stop in reversed(stops)]
-    return back, tuple(back.stops[count - 1 - place] for place in places)
+    return back, tuple(back.stops[-1 - route.stops.index(stop)] for stop in reversed(stops))
 
 
 def _trains(fields: Fields) -> list[tuple[Vehicle, Level]]:
@@ -152,12 +148,13 @@ def _trains(fields: Fields) -> list[tuple[Vehicle, Level]]:
     return list(product(loaded, levels))
 
 
-def _settings(fields: Fields) -> TableSettings:
+def _settings(fields: Fields, refined: bool) -> TableSettings:
     fields.check_keys(["buffers_percent", "max", "proven"])
     default = TableSettings()
     return TableSettings(
         buffers_percent=_buffers(fields) if fields.has("buffers_percent") else default.buffers_percent,
         with_max=fields.flag("max", default.with_max),
+        refined=refined,
         proven=fields.whole("proven", (0, MOST_BUFFERS), default.proven),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copyreg
 import math
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -25,7 +25,6 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from das.solver.state import State
-from das.solver.warm_up import warm_up as compile_solver
 from das.table import Table, facts_of, key_of, section_facts, table_content, table_name
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
@@ -59,8 +58,6 @@ def _priced_j(front: GuideFront, run: GuideRun) -> float:
     return run.energy_j + front.change_j(run.lambda_w) * float(np.count_nonzero(np.diff(run.said)))
 
 
-PROVEN = 5
-"""Number of a front's points whose gap is proven: each takes 0.05 s, or 0.5 s with a loss map."""
 NOT_PROVEN = "not proven when the table was built"
 UNBOUNDED_S = 1e9
 """A trip time longer than any run needs, for which the solver gives the run of least energy."""
@@ -71,13 +68,14 @@ class TableSettings:
     """The content of a table's front.
 
     `buffers_percent`: a point for each of these, in % above the least time. `with_max`: the least energy as well.
-    `refined`: whether the runs are refined. `proven`: number of points whose gap is proven.
+    `refined`: whether the runs are refined. `proven`: number of points whose gap is proven (each takes 0.05 s, or 0.5 s
+    with a loss map).
     """
 
     buffers_percent: tuple[float, ...] = tuple(0.5 * i for i in range(41))
     with_max: bool = True
     refined: bool = True
-    proven: int = PROVEN
+    proven: int = 5
 
     @property
     def as_kept(self) -> dict[str, Any]:
@@ -90,9 +88,9 @@ class TableSettings:
         return [*self.buffers_percent, *([None] if self.with_max else [])]
 
 
-def make_table(section: Section, settings: TableSettings | None = None, *, threads: int = 1) -> bytes:
+def make_table(section: Section, settings: TableSettings, *, threads: int = 1) -> bytes:
     """Solve a section; returns the content of its table. Raises InfeasibleError if the section cannot be driven."""
-    found = front_facts(section, settings or TableSettings(), threads=threads)
+    found = front_facts(section, settings, threads=threads)
     references = finished_references(section, threads=threads)
     return table_content(section_facts(section), key_of(section, DEFAULT), found, references)
 
@@ -188,11 +186,4 @@ class Job:
 
     def solve(self) -> bytes:
         """The content of the table; raises DasError with the reason if the section cannot be solved."""
-        warm_up()
-        return make_table(self.section(), self.settings, threads=1)
-
-
-@cache
-def warm_up() -> None:
-    """Compile the solver, once in a process."""
-    compile_solver()
+        return make_table(self.section(), self.settings)

@@ -18,7 +18,6 @@ from precompute.vehicle_import import osrd, railtoolkit, tables
 from precompute.vehicle_import.tables import Figures
 from precompute.vehicle_import.train import ImportedTrain, named_losses, vehicle_text
 
-COMMAND = "das-precompute vehicle import"
 IMPORTERS = "das.importers"
 """Entry points of other packages: functions that read a train from a path, by the suffix of such a file's name."""
 
@@ -53,7 +52,7 @@ def import_train(
         found = found.with_electric_brake(electric_brake)
     found = found.up_to_its_speed()
     chosen = named_losses(losses, found.power_w)
-    text = vehicle_text(found, chosen, COMMAND, accepted)
+    text = vehicle_text(found, chosen, accepted)
     vehicle = vehicle_of(Fields.of(source, tomllib.loads(text)), "to accept it, use --accept {check}")
     return Imported(text, vehicle, (*found.notes, chosen.note))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -56,7 +56,7 @@ class Figures:
 
     def given(self) -> dict[str, str]:
         """The figures that are given, by name."""
-        return {one.name: getattr(self, one.name) for one in fields(self) if getattr(self, one.name) is not None}
+        return {name: text for name, text in vars(self).items() if text is not None}
 
 
 MOST_BYTES = 1_000_000

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -141,7 +141,7 @@ class ImportedTrain:
     resistance: Resistance
     modes: Mapping[str, Mode]
     deceleration_mps2: float
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
     empty: Load | None = None
 
     @property
@@ -240,9 +240,9 @@ def _losses_of(name: str, power_w: float) -> NamedLosses:
     raise DasError(f"--losses {vehicle.id}: it has no efficiency (levels own, l2 or l1)")
 
 
-def vehicle_text(train: ImportedTrain, losses: NamedLosses, made_by: str, accepted: Sequence[str] = ()) -> str:
+def vehicle_text(train: ImportedTrain, losses: NamedLosses, accepted: Sequence[str]) -> str:
     """The vehicle file of a train: its source and command, the assumptions, and its figures."""
-    head = [f"# {train.name}. Made by {made_by} from {train.source}."]
+    head = [f"# {train.name}. Made by das-precompute vehicle import from {train.source}."]
     head += [f"# Note: {note}." for note in (*train.notes, losses.note)]
     return "\n".join([*map(seen, head), "", *_body(train, accepted), *losses.lines]) + "\n"
 

@@ -93,7 +93,7 @@ def test_a_plan_is_every_section_with_every_train(tmp_path: Path) -> None:
     labels = [job.name.rpartition("_")[0] for job in plan.jobs]
     assert "zurich-luzern_zurich-hb-zug_re460-ic-full_l1" in labels
     assert "zurich-luzern_luzern-zug_re460-ic_l3" in labels
-    assert plan.settings == TableSettings(buffers_percent=tuple(np.arange(0, 20.1, 2.5)))
+    assert plan.jobs[0].settings == TableSettings(buffers_percent=tuple(np.arange(0, 20.1, 2.5)))
     back = plan.jobs[labels.index("zurich-luzern_luzern-zug_re460-ic_l3")]
     stops = {stop.name: stop.position_m for stop in load_route("zurich-luzern").stops}
     assert back.end_m - back.start_m == pytest.approx(stops["Luzern"] - stops["Zug"])
