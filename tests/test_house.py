@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(27_284, 140),
-    "precompute": Budget(10_629, 47),
-    "sim": Budget(35_977, 150),
+    "das": Budget(26_742, 139),
+    "precompute": Budget(10_510, 47),
+    "sim": Budget(35_590, 150),
     "docs/studies": Budget(6_195, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""

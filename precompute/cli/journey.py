@@ -154,10 +154,10 @@ def journey(
 
 
 def _write(files: JourneyFiles, planner: JourneyPlanner, plan: JourneyPlan) -> None:
-    from precompute.cli import report
-
     if files.out is not None:
-        report.write_trajectory(files.out, plan.trajectory())
+        from precompute.cli.report import write_trajectory
+
+        write_trajectory(files.out, plan.trajectory())
     if files.plot is not None:
         from das.drawing.picture import draw_runs
 
