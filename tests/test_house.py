@@ -33,7 +33,7 @@ BUDGETS = {
     "das": Budget(26_742, 139),
     "precompute": Budget(10_510, 47),
     "sim": Budget(35_590, 150),
-    "docs/studies": Budget(6_195, 37),
+    "docs/studies": Budget(6_203, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

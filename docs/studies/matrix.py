@@ -1,8 +1,9 @@
-"""`python -m docs.studies.matrix [--cells N] [--first N] [--workers N] [--write]`: any train on any line, as tables.
+"""`python -m docs.studies.matrix [--cells N] [--first N] [--seeds N] [--workers N] [--write]`: any train on any line.
 
 It simulates cells of the matrix (line, train, driver, seed) and prints the bounds and the means of every line. With
---write it writes the title of docs/results/0.2/matrix.md and the CSV files next to it. 100 cells take ten minutes of
-CPU time; cells of public data sets need ../shared/data.
+--write it writes the title of docs/results/0.2/matrix.md and the CSV files next to it; with --seeds, the human driver's
+cells with several seeds, as matrix-seeds.csv. 100 cells take ten minutes of CPU time; cells of public data sets need
+../shared/data.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from typing import Final
 
 from das import __version__
 from docs.studies.output import DOCS, plain, write_csv, write_table
-from tests.support.matrix import ADVISED, Judged, bounds_table, judged, lines_table
-from tests.support.matrix_lines import Cell, cells
+from tests.support.matrix import ADVISED, Judged, bounds_table, judged, lines_table, seeds_table
+from tests.support.matrix_lines import Cell, Who, cells
 
 PAGE: Final = DOCS / "results" / "0.2" / "matrix.md"
 
@@ -59,14 +60,21 @@ def main(args: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m docs.studies.matrix", description=__doc__)
     parser.add_argument("--cells", type=int, default=100, metavar="N", help="Number of cells.")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="Number of the first cell.")
+    parser.add_argument("--seeds", type=int, metavar="N", help="Number of seeds, for the human driver alone.")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="Number of processes.")
     parser.add_argument("--write", action="store_true", help="Write the page of the release.")
     asked = parser.parse_args(args)
-    rows = []
+    rows, chosen = [], cells(asked.cells, asked.first)
+    if asked.seeds is not None:
+        humans = [cell for cell in chosen if cell.who is Who.HUMAN]
+        chosen = [cell._replace(seed=seed) for cell in humans for seed in range(asked.seeds)]
     with ProcessPoolExecutor(asked.workers) as pool:
-        for row in pool.map(driven, cells(asked.cells, asked.first)):
+        for row in pool.map(driven, chosen):
             rows.append(row)
             print(f"{row.line}, {row.train}, {row.who}, seed {row.seed} {row.said}", file=sys.stderr, flush=True)
+    if asked.write and asked.seeds is not None:
+        write_csv(PAGE.with_name("matrix-seeds.csv"), seeds_table(rows))
+        return
     if asked.write:
         write(rows)
         return

@@ -65,6 +65,7 @@ schema_version = 1
 resistance = {c0_kn = 18.0, c1_kn_per_mps = 0.3, c2_kn_per_mps2 = 0.03}
 traction = {max_force_kn = 300.0, max_power_kw = 4000.0}
 friction_brake.max_force_kn = 900.0
+service_brake.build_up_s = 1.5
 brakes.policy = "friction"
 losses = {default = "own", own = {mean_efficiency_ratio = 0.85, idle_kw = 30.0}}
 [vehicle]

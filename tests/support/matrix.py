@@ -25,6 +25,7 @@ from sim.drivers.cab import AT_STOP_M, CabView, Driver
 from sim.drivers.human import HumanDriver
 from sim.drivers.kinds import DriverKind, FrictionPolicy, Presentation
 from sim.drivers.presentations.presenter import presenter_of
+from sim.experiment.one_line import with_interval
 from sim.plant.kernels import Command
 from sim.world.in_process import InProcess
 from sim.world.loop import LOOK_S, Run, World
@@ -350,6 +351,18 @@ def lines_table(rows: Sequence[Judged]) -> Iterator[str]:
         of_it = [row for row in rows if (row.line, row.train, row.who) == key]
         cells = " | ".join(_cell(of_it, name) for name in COLUMNS.values())
         yield f"| {' | '.join(key)} | {len(of_it)} | {cells} |"
+
+
+def seeds_table(rows: Sequence[Judged]) -> Iterator[str]:
+    """The human driver on every line with a train: means over the seeds with their 95 % intervals, as Markdown."""
+    yield "| line | train | saved at equal arrival, % | late in a section, median, s | acts | stops missed |"
+    yield "|---|---|---:|---:|---:|---:|"
+    for key in sorted({(row.line, row.train) for row in rows}):
+        of_it = [row for row in rows if (row.line, row.train) == key]
+        saved = np.array([100.0 * row.saved_ratio for row in of_it if not math.isnan(row.saved_ratio)])
+        late_s = median(late_s for row in of_it for late_s in row.sections_late_s)
+        acts, missed = (sum(getattr(row, name) for row in of_it) for name in ("last_word_acts", "stops_missed"))
+        yield f"| {' | '.join(key)} | {with_interval(saved) if saved.size else ''} | {late_s:.1f} | {acts} | {missed} |"
 
 
 def _cell(rows: Sequence[Judged], name: str) -> str:
