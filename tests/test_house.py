@@ -30,10 +30,10 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(26_742, 139),
-    "precompute": Budget(10_510, 47),
-    "sim": Budget(35_590, 150),
-    "docs/studies": Budget(6_203, 37),
+    "das": Budget(26_752, 139),
+    "precompute": Budget(10_521, 47),
+    "sim": Budget(35_592, 150),
+    "docs/studies": Budget(6_204, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef

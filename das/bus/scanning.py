@@ -53,7 +53,7 @@ class Damage:
     """A damaged stretch of a file.
 
     `what` describes it in words. `lost`: it contained messages, attachments or metadata, which are left out.
-    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message. 0: unknown, as for the place.
+    `from_ns` and `to_ns` are the times (ns since 1970) of its first and last message. A number of 0 is unknown.
     """
 
     what: str

@@ -51,7 +51,8 @@ class Legs:
         self._targets: tuple[Target, ...] = ()
         self._accepted: tuple[Target, ...] = ()
         self._accepted_reported: tuple[Target, ...] = ()
-        self._now_ns, self._changed = 0, False
+        self._now_ns, self._at_present = 0, situation
+        self._changed = False
 
     @property
     def index(self) -> int:
@@ -73,7 +74,7 @@ class Legs:
 
     def judged(self, advice: Advice, here: Estimate) -> Advice:
         """Advice after the last word: unchanged, or with safe values in place of unsafe ones, which are reported."""
-        leg, situation = self.legs[self.index], self.situation.at(self._now_ns)
+        leg, situation = self.legs[self.index], self._at_present
         basis = BrakingBasis(
             route=situation.route,
             vehicle=situation.vehicle,
@@ -188,9 +189,9 @@ class Legs:
 
     def prepare(self, now_ns: int) -> None:
         """Bring the legs that are near up to date with the situation at a moment (ns since 1970)."""
-        self._now_ns = now_ns
+        self._now_ns, self._at_present = now_ns, self.situation.at(now_ns)
         changed, self._changed = self._changed, False
-        self.preparation.prepare(self.legs, self.index, self.situation.at(now_ns), now_ns, changed=changed)
+        self.preparation.prepare(self.legs, self.index, self._at_present, now_ns, changed=changed)
 
     def _note_change(self) -> None:
         """Take note of a change. A new search begins immediately if it has its own thread, else when advice is due."""

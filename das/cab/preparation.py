@@ -350,7 +350,7 @@ class Preparation:
             if point is not None and point.s_m >= s_m + LEAST_WAY_M and (point.earliest_ns or point.latest_ns):
                 passing = self._fronts.find_guide(found.section, s_m).front
         except Exception as error:  # A thread must not end unnoticed: withdrawing the advice is better.
-            refusal, failed = _in_words(error), not isinstance(error, DasError)
+            refusal, failed = _why_failed(error), not isinstance(error, DasError)
         return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
 
     def _search_guide(self, section: Section, s_m: float) -> FoundGuide | str:
@@ -358,10 +358,10 @@ class Preparation:
         try:
             return self._fronts.find_guide(section, s_m)
         except Exception as error:  # Advice without a guide is better than a thread that ends unnoticed.
-            return _in_words(error)
+            return _why_failed(error)
 
 
-def _in_words(error: Exception) -> str:
+def _why_failed(error: Exception) -> str:
     """The reason for a failed search; KeyboardInterrupt is raised again."""
     raise_interruption(error)
     return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"

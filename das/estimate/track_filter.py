@@ -82,9 +82,10 @@ class Track(NamedTuple):
 
 
 _UPPER: Final = tuple((n, i, j) for n, (i, j) in enumerate(combinations_with_replacement(range(6), 2), start=6))
-"""Fields of a `Track` that hold the covariance, each with its row and column; they follow the means of the six states.
-"""
-_MOVING: Final = tuple(name for name in Track._fields if set(name) & set("vac"))
+"""Fields of a `Track` that hold the covariance, each with its row and column; they follow the six means."""
+_MOVING: Final = (
+    *("v", "a", "c", "sv", "sa", "sc", "vv", "va", "vb", "vc", "vg", "aa", "ab", "ac", "ag", "bc", "cc", "cg"),
+)
 """Fields of a `Track` that are 0 while the train stands: speed, acceleration and the error of the speed."""
 
 

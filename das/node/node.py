@@ -44,7 +44,7 @@ class WallClock:
         self._began_s += step_s
         return step_s
 
-    def due(self, received: Received) -> None:
+    def take(self, received: Received) -> None:
         """None: messages do not move this clock, and no Control message requests advice by it."""
 
 
@@ -74,7 +74,7 @@ class BusClock:
         """Zero, because the setting of a simulation's clock cannot be detected."""
         return 0.0
 
-    def due(self, received: Received) -> Any | None:
+    def take(self, received: Received) -> Any | None:
         """The Control message that can be answered after this message, whose time becomes the clock's; None: none can.
 
         A Control message is held until it can be answered.
@@ -118,7 +118,7 @@ class Node:
         heard = codec.decode(received, self.clock.judged_at_ns())
         if heard is not None:
             self.publish(self.cab.hear(heard))
-        control = self.clock.due(received)
+        control = self.clock.take(received)
         if control is None:
             return
         if codec.finishes(control):

@@ -446,7 +446,8 @@ def _joined(parts: Sequence[tuple[float, Trajectory]]) -> Trajectory:
     def intervals(name: str, standing: float | None) -> Floats:
         values = [getattr(run, name) for run in runs]
         gaps = [run[:1] if standing is None else [standing] for run in values]
-        return np.concatenate([piece for pair in zip(gaps, values, strict=True) for piece in pair][1:])
+        pieces = [piece for pair in zip(gaps, values, strict=True) for piece in pair]
+        return np.concatenate(pieces[1:])  # The first run has no gap before it.
 
     nodes = {
         "s_m": np.concatenate([run.s_m for run in runs]),

@@ -60,25 +60,26 @@ def main(args: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m docs.studies.matrix", description=__doc__)
     parser.add_argument("--cells", type=int, default=100, metavar="N", help="Number of cells.")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="Number of the first cell.")
-    parser.add_argument("--seeds", type=int, metavar="N", help="Number of seeds, for the human driver alone.")
+    parser.add_argument("--seeds", type=int, metavar="N", help="Only the human driver, with this number of seeds.")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="Number of processes.")
-    parser.add_argument("--write", action="store_true", help="Write the page of the release.")
+    parser.add_argument("--write", action="store_true", help="Write the files of the release.")
     asked = parser.parse_args(args)
     rows, chosen = [], cells(asked.cells, asked.first)
     if asked.seeds is not None:
-        humans = [cell for cell in chosen if cell.who is Who.HUMAN]
+        humans = dict.fromkeys(cell._replace(seed=0) for cell in chosen if cell.who is Who.HUMAN)
         chosen = [cell._replace(seed=seed) for cell in humans for seed in range(asked.seeds)]
     with ProcessPoolExecutor(asked.workers) as pool:
         for row in pool.map(driven, chosen):
             rows.append(row)
             print(f"{row.line}, {row.train}, {row.who}, seed {row.seed} {row.said}", file=sys.stderr, flush=True)
-    if asked.write and asked.seeds is not None:
-        write_csv(PAGE.with_name("matrix-seeds.csv"), seeds_table(rows))
-        return
-    if asked.write:
+    if asked.write and asked.seeds is None:
         write(rows)
-        return
-    print(*bounds_table(rows), "", *lines_table(rows), sep="\n")
+    elif asked.write:
+        write_csv(PAGE.with_name("matrix-seeds.csv"), seeds_table(rows))
+    elif asked.seeds is None:
+        print(*bounds_table(rows), "", *lines_table(rows), sep="\n")
+    else:
+        print(*seeds_table(rows), sep="\n")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
 from pathlib import Path
@@ -85,8 +84,12 @@ def _point(exact: ExactFront, fast: Front, buffer_percent: float) -> dict[str, f
     }
 
 
-def _peak_memory_gb() -> float:
-    """The peak memory of this process (GB)."""
+def _peak_memory_gb() -> float | None:
+    """The peak memory of this process (GB); None if the system does not report it."""
+    try:
+        import resource
+    except ImportError:
+        return None
     scale = 1.0 if sys.platform == "darwin" else 1024.0
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale / 1e9
 
@@ -108,10 +111,11 @@ def _print(section: Section, result: dict[str, Any]) -> None:
             f"{100 * point['fast_difference_ratio']:+.3f}",
         )
     print_table(table, LEGEND)
+    memory = f", {result['peak_memory_gb']:.2f} GB" if result["peak_memory_gb"] is not None else ""
     paragraph(
         f"{result['front_points']} non-dominated runs on a grid of {result['step_m']:g} m × {result['speed_kmh']:g} "
         f"km/h (coasting {result['coast_kmh']:g} km/h), {result['labels']} partial runs, "
-        f"{result['solve_s']:.1f} s, {result['peak_memory_gb']:.2f} GB"
+        f"{result['solve_s']:.1f} s{memory}"
     )
     paragraph(
         f"the supported front lies at most {100 * result['worst_gap_ratio']:.3f} % below it "

@@ -384,8 +384,7 @@ SWEEPS = 5
 NS_PER_MS = 1e6
 BUCKETS_NS = (300_000_000, 30_000_000, 3_000_000)
 """The buckets of time (ns) of the passes before the last one, as far as they are larger than its buckets."""
-USUAL_MEMORY_BYTES = min(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), 20e9)
-"""Memory for labels: 80 % of the machine's, at most 20 GB."""
+LARGEST_MEMORY_BYTES = 20e9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -443,12 +442,12 @@ class ExactFront:
 class Limits:
     """Limits of the search.
 
-    `max_memory_bytes` is the memory for labels (default: 80 % of the machine's, at most 20 GB). If `bucket_ms` is not
+    `max_memory_bytes` is the memory for labels (None: 80 % of the machine's, at most 20 GB). If `bucket_ms` is not
     0, the search keeps one partial run per state and bucket of time: it finds only runs near the front, and a lower
     bound.
     """
 
-    max_memory_bytes: float = USUAL_MEMORY_BYTES
+    max_memory_bytes: float | None = None
     bucket_ms: float = 0.0
 
 
@@ -478,7 +477,7 @@ def solve_exact(
         from_start=Duals(graph, layers, duals.lambda_w, threads, layer_done, onward=False),
         latest_ns=latest_ns,
         threads=threads,
-        max_memory_bytes=limits.max_memory_bytes,
+        max_memory_bytes=_usual_memory_bytes() if limits.max_memory_bytes is None else limits.max_memory_bytes,
     )
     last = _last_pass(search, swept, limits.bucket_ms, progress)
     time_ns = np.concatenate((last.runs.time_ns, swept.time_ns))
@@ -536,3 +535,11 @@ def _swept(
     keep = undominated(time_ns, energy_mj)
     keep = keep[time_ns[keep] <= latest_ns]
     return duals, Known(time_ns[keep], energy_mj[keep]), runs[keep]
+
+
+def _usual_memory_bytes() -> float:
+    """80 % of the machine's memory, if the system states it, and at most 20 GB."""
+    try:
+        return min(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), LARGEST_MEMORY_BYTES)
+    except (AttributeError, ValueError, OSError):
+        return LARGEST_MEMORY_BYTES

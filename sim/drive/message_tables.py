@@ -243,7 +243,6 @@ def _type(column: Column, pa: Any) -> Any:
 def columns_table(tables: list[DataTable]) -> DataTable:
     """A table of all columns, with the table, kind, unit and meaning of each."""
     rows = [(table.name, one.name, one.kind, one.unit, one.meaning) for table in tables for one in table.columns]
-    columns = zip(("table", "column", "kind", "unit", "meaning"), zip(*rows, strict=True), strict=True)
-    return DataTable(
-        name="columns", columns=[Column(name=name, kind="text", values=[*values]) for name, values in columns]
-    )
+    names = ("table", "column", "kind", "unit", "meaning")
+    columns = [Column(name=name, kind="text", values=[row[i] for row in rows]) for i, name in enumerate(names)]
+    return DataTable(name="columns", columns=columns)

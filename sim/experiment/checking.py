@@ -73,10 +73,10 @@ IGNORED: Final = (
 def _ignores_reasons(design: Design) -> bool:
     """Whether there are simulated human drivers, and all of them ignore the reason for advice."""
     name, people = "reason_refusal_ratio", [one for one in design.settings() if one.driver is DriverKind.HUMAN]
-    drawn = {spread.name for spread in load_population(design.people.population).spreads}
-    varied = name in drawn or any(name in one.read_scenario().human.given for one in people)
+    if not people or name in {spread.name for spread in load_population(design.people.population).spreads}:
+        return False
     usual = getattr(HumanParameters(), name)
-    return bool(people) and not varied and all(dict(one.human).get(name, usual) >= 1 for one in people)
+    return not any(name in one.read_scenario().human.given or dict(one.human).get(name, usual) < 1 for one in people)
 
 
 def level_notes(design: Design) -> list[str]:

@@ -38,6 +38,9 @@ from sim.plant.kernels import (
     TrainNumbers,
 )
 
+__all__ = ["COAST", "Command", "Dynamics", "Efforts", "Patch", "Plant", "PlantState"]
+__all__ += ["checked", "force", "lever", "lever_ratio", "speed", "train_numbers"]
+
 NO_LIMIT_MPS2 = 1e6
 """An acceleration that no train reaches (finite, so that products stay defined)."""
 DRAWN_AT_MPS = 1.0

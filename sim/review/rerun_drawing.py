@@ -291,7 +291,7 @@ def _tabs(scene: ReviewScene) -> list[rrb.View]:
 
 
 def _rows(rows: tuple[Row, ...], scene: ReviewScene, name: str) -> rrb.Vertical | None:
-    found = {quantity_of(name) for name, (time_ns, _) in scene.series.items() if len(time_ns)}
+    found = {quantity_of(one) for one, (time_ns, _) in scene.series.items() if len(time_ns)}
     lanes = {lane.name for lane in scene.lanes}
     rows = tuple(row._replace(lanes=_said(row.lanes, lanes)) for row in rows)
     shown = [row for row in rows if row.origin in found or lanes & set(row.lanes)]

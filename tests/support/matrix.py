@@ -360,7 +360,8 @@ def seeds_table(rows: Sequence[Judged]) -> Iterator[str]:
     for key in sorted({(row.line, row.train) for row in rows}):
         of_it = [row for row in rows if (row.line, row.train) == key]
         saved = np.array([100.0 * row.saved_ratio for row in of_it if not math.isnan(row.saved_ratio)])
-        late_s = median(late_s for row in of_it for late_s in row.sections_late_s)
+        lates_s = [late_s for row in of_it for late_s in row.sections_late_s]
+        late_s = median(lates_s) if lates_s else math.nan
         acts, missed = (sum(getattr(row, name) for row in of_it) for name in ("last_word_acts", "stops_missed"))
         yield f"| {' | '.join(key)} | {with_interval(saved) if saved.size else ''} | {late_s:.1f} | {acts} | {missed} |"
 

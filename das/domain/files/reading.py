@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -273,6 +274,7 @@ class Fields:
         return self.number_rows(key, wanted, unbounded=unbounded, most=most) if self.has(key) else []
 
 
+@cache
 def quantity_of(field: str) -> tuple[str, str]:
     """The name and the dimension of the quantity in a field whose name ends in the SI unit, which may have several
     words (`n_per_mps`); a field in `_ratio` is a ratio, not a gradient.

@@ -9,7 +9,7 @@ import shutil
 import stat
 import tempfile
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
@@ -172,8 +172,10 @@ def temporary_file(path: Path) -> tuple[IO[bytes], Path]:
     The caller renames or removes it. Raises OSError if it cannot be created.
     """
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    os.chmod(name, 0o666 & ~_umask())
-    return os.fdopen(handle, "wb"), Path(name)
+    file, beside = os.fdopen(handle, "wb"), Path(name)
+    with suppress(OSError):  # Some network file systems keep the permissions of a private file.
+        beside.chmod(0o666 & ~_umask())
+    return file, beside
 
 
 def _umask() -> int:

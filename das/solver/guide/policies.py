@@ -271,8 +271,11 @@ class GuideFront:
             rows = len(moves.target)
             found = {one: policy for one, policy in known.items() if policy is not None and len(policy.choice) >= rows}
             missing = [one for one in known if one not in found]
-            with ThreadPoolExecutor(self._threads) as pool:
-                found.update(zip(missing, pool.map(lambda one: self._solved(one, moves), missing), strict=True))
+            if len(missing) > 1:
+                with ThreadPoolExecutor(self._threads) as pool:
+                    found.update(zip(missing, pool.map(lambda one: self._solved(one, moves), missing), strict=True))
+            elif missing:  # In this thread, because Ctrl-C would wait for another one to compile.
+                found[missing[0]] = self._solved(missing[0], moves)
             kept.update(found)
             while len(kept) > len(found) and sum(map(_size, kept.values())) > self.settings.kept_bytes:
                 del kept[next(iter(kept))]

@@ -208,6 +208,10 @@ def test_the_page_and_its_json_have_every_figure_of_a_drive() -> None:
     assert len(rows) > 2
     assert {label.strip(): words for label, words in rows}.items() <= shown.items()
     assert told == drive.figures.as_dict()
+    assert drive.figures.stability.shown_s > 0
+    assert (told["reversals"], told["advice_changes_per_min"]) == (
+        drive.figures.stability.reversals, pytest.approx(drive.figures.stability.changes_per_min),
+    )  # fmt: skip
 
 
 def test_the_page_says_where_time_was_lost_and_by_what() -> None:
