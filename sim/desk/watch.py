@@ -217,8 +217,8 @@ class WatchServer:
         try:
             await server.serve(sockets=[door])
         finally:
-            drawing.cancel()
             self._over.set()
+            drawing.cancel()
             await receiving
             with contextlib.suppress(asyncio.CancelledError):
                 await drawing
@@ -238,7 +238,7 @@ class WatchServer:
                 self._others, quiet_s = ", ".join(one for one in self._bus.trains() if one != self._bus.train), 0.0
 
     async def _draw(self) -> None:
-        while True:
+        while not self._over.is_set():  # A cancellation is lost if `wait_for` has just ended (Python before 3.12).
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._news.wait(), PICTURE_S)
             self._news.clear()

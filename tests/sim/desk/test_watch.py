@@ -266,6 +266,22 @@ def test_of_a_flood_of_advice_only_the_newest_is_drawn(monkeypatch: pytest.Monke
     assert drawn.call_count < 200
 
 
+def test_the_command_ends_even_if_news_arrive_with_its_end() -> None:
+    """asyncio before Python 3.12 loses a cancellation that comes together with what the task waits for."""
+    page = WatchServer(Told().train, Mock(train="T1", receive=lambda *_, **__: time.sleep(0.01)), "en", PageSettings())
+
+    async def serve(sockets: object) -> None:
+        await asyncio.sleep(0.05)
+        page._news.set()
+        await asyncio.sleep(0)
+
+    async def ends() -> bool:
+        ended, _ = await asyncio.wait({asyncio.create_task(page.run(Mock(serve=serve), None))}, timeout=10.0)
+        return bool(ended)
+
+    assert asyncio.run(ends())
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
