@@ -355,15 +355,16 @@ def lines_table(rows: Sequence[Judged]) -> Iterator[str]:
 
 def seeds_table(rows: Sequence[Judged]) -> Iterator[str]:
     """The human driver on every line with a train: means over the seeds with their 95 % intervals, as Markdown."""
-    yield "| line | train | saved at equal arrival, % | late in a section, median, s | acts | stops missed |"
-    yield "|---|---|---:|---:|---:|---:|"
+    yield "| line | train | seeds | saved at equal arrival, % | late in a section, median, s | acts | stops missed |"
+    yield "|---|---|---:|---:|---:|---:|---:|"
     for key in sorted({(row.line, row.train) for row in rows}):
         of_it = [row for row in rows if (row.line, row.train) == key]
         saved = np.array([100.0 * row.saved_ratio for row in of_it if not math.isnan(row.saved_ratio)])
         lates_s = [late_s for row in of_it for late_s in row.sections_late_s]
         late_s = median(lates_s) if lates_s else math.nan
         acts, missed = (sum(getattr(row, name) for row in of_it) for name in ("last_word_acts", "stops_missed"))
-        yield f"| {' | '.join(key)} | {with_interval(saved) if saved.size else ''} | {late_s:.1f} | {acts} | {missed} |"
+        mean_saved = with_interval(saved) if saved.size else ""
+        yield f"| {' | '.join(key)} | {len(of_it)} | {mean_saved} | {late_s:.1f} | {acts} | {missed} |"
 
 
 def _cell(rows: Sequence[Judged], name: str) -> str:
