@@ -215,7 +215,7 @@ def _is_phase(row: Any) -> bool:
     )  # fmt: skip
 
 
-METHOD: Final = 3
+METHOD: Final = 4
 """The version of the planner of references, to be raised when its references change: a test shows when."""
 SOLVED_BY: Final = ("STEP_MPS", "LEAST_MPS", "CHANGE_TIME_S", "LOW_RATIO", "HIGH_RATIO", "BACK_SHARE")
 """The constants of `das.solver.guide.policies` that are part of a key."""

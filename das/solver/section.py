@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,7 @@ from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistan
 from das.solver.kernels.roll_out import fastest_roll_out, fastest_run
 from das.solver.kernels.tuples import (
     KnownRun,
+    LineArrays,
     LossParams,
     ServiceParams,
     SpeedBounds,
@@ -89,6 +91,11 @@ class Section(Summary, LineProfile):
     def loss_params(self) -> LossParams:
         """The losses in the form required by the kernels."""
         return loss_params(self.loss)
+
+    @cached_property
+    def has_brake(self) -> NDArray[np.bool_]:
+        """Whether plans have a brake in each interval: the motors may have none there."""
+        return (self.supply >= 0.0) | (self.train.friction_force_n > 0.0) | self.train.brakes_dissipate
 
     @property
     def speed_steps(self) -> int:
@@ -271,6 +278,47 @@ def capped(section: Section, cap_mps: ArrayLike) -> Section:
     return replace(section, envelope_mps=cap)
 
 
+def service_of(
+    profile: LineProfile, route: Route, vehicle: Vehicle, length_m: float, braking: ServiceBraking
+) -> tuple[Floats, ServiceParams]:
+    """The limits (m/s) of the intervals that service braking keeps, and the braking as the kernels take it.
+
+    A limit also counts where the train may be within the extent of the limit by the error of its position.
+    """
+    node_m, beside_m = profile.node_m, braking.deviation_m
+    limit = route.limits_mps.minimum(node_m[:-1] - length_m - beside_m, node_m[1:] + beside_m)
+    limit = np.minimum(limit, profile.limit_mps)
+    limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
+    friction_n = float(vehicle.friction_brake_force_n)
+    return limit, ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
+
+
+def all_brakes(vehicle: Vehicle, train: TrainParams) -> TrainParams:
+    """The train with its friction brake, which the brake policy may exclude from plans."""
+    return train._replace(friction_force_n=vehicle.friction_brake_force_n)
+
+
+def braking_curve(
+    profile: LineProfile, limit_mps: Floats, end_speed_mps: float, trains: tuple[TrainParams, TrainParams],
+    service: ServiceParams,
+) -> tuple[Floats, int]:  # fmt: skip
+    """The highest speeds (m/s) at the nodes from which a braking keeps the limits of the intervals and the end speed.
+
+    The second of the `trains` is the train where the line does not accept the power of an electric brake. Returns also
+    the first interval, from the end, in which the brakes cannot hold the train, or -1.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(profile.supply < 0)) + 1).tolist(), len(limit_mps)]
+    speeds = np.append(np.zeros(len(limit_mps)), end_speed_mps)
+    for first, last in reversed(list(pairwise(edges))):
+        part = LineArrays(*(one[first:last] for one in profile.for_kernels))
+        train = trains[int(profile.supply[first] < 0)]
+        found, stuck = braking_envelope(part, limit_mps[first:last], speeds[last], train, service)
+        speeds[first : last + 1] = found
+        if stuck >= 0:
+            return speeds, first + stuck
+    return speeds, -1
+
+
 class _Bounds(NamedTuple):
     """Bounds of the speed at the nodes of a grid (m/s, see `Section`), and the speeds of the fastest trajectory."""
 
@@ -310,16 +358,17 @@ class _Task:
         start_speed_mps, end_speed_mps = self.options.start_speed_mps, self.options.end_speed_mps
         if end_speed_mps > profile.limit_mps[-1]:
             raise InfeasibleError(f"{source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES)
+        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, all_brakes(self.vehicle, train))
         if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
             raise InfeasibleError(
                 f"{source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
             )
         floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
-        envelope = allowed
-        if self.options.braking is not None:
+        envelope, braking = allowed, self.options.braking
+        if braking is not None:
             # The speed required for hills ahead takes priority over the brake reserve.
-            envelope = np.minimum(np.maximum(self._planned(profile, self.options.braking), floor), allowed)
+            planned = self._braked(profile, *service_of(profile, self.route, self.vehicle, self.length_m, braking))
+            envelope = np.minimum(np.maximum(planned, floor), allowed)
         fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
         if stuck >= 0:
             place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
@@ -332,29 +381,18 @@ class _Task:
             )
         return _Bounds(floor, envelope, allowed, fastest)
 
-    def _planned(self, profile: LineProfile, braking: ServiceBraking) -> Floats:
-        """The highest speeds (m/s) from which service braking keeps the limits and the end speed.
-
-        A limit also counts where the train may be within the extent of the limit by the error of its position.
-        """
-        node_m, beside_m = profile.node_m, braking.deviation_m
-        limit = self.route.limits_mps.minimum(node_m[:-1] - self.length_m - beside_m, node_m[1:] + beside_m)
-        limit = np.minimum(limit, profile.limit_mps)
-        limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
-        friction_n = float(self.vehicle.friction_brake_force_n)
-        service = ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
-        return self._braked(profile, limit, service)
-
-    def _braked(self, profile: LineProfile, limit_mps: Floats, service: ServiceParams) -> Floats:
-        """The highest speeds (m/s) from which a braking keeps these limits and the end speed.
+    def _braked(
+        self, profile: LineProfile, limit_mps: Floats, service: ServiceParams, without_motors: TrainParams | None = None
+    ) -> Floats:
+        """The highest speeds (m/s) from which a braking keeps these limits and the end speed (see `braking_curve`).
 
         Raises RunawayError if the brakes cannot hold the train on a descent.
         """
-        end_speed_mps = self.options.end_speed_mps
-        speeds, stuck = braking_envelope(profile.for_kernels, limit_mps, end_speed_mps, self.train, service)
+        trains = self.train, without_motors or self.train
+        speeds, stuck = braking_curve(profile, limit_mps, self.options.end_speed_mps, trains, service)
         if stuck >= 0:
             raise self._runs_away(profile, stuck, float(speeds[stuck + 1]), service)
-        return np.asarray(speeds)
+        return speeds
 
     def _runs_away(self, profile: LineProfile, i: int, v_mps: float, service: ServiceParams) -> RunawayError:
         """The error for a train whose brakes cannot hold it in interval i, with the place and the key to change."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
 from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
-from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, ON_CURVE, ROLLS_UP, SHARES
+from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, NEAR_MPS, ON_CURVE, ROLLS, ROLLS_UP, SHARES
 
 HELD_S = 10.0
 """The least time (s) of holding a speed after accelerating to it that is a separate phase."""
@@ -16,17 +16,22 @@ HELD_S = 10.0
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     """The schedule of a run: its instructions as phases, the trajectory that keeps to them, and its forecast.
 
-    Intervals covered by a single instruction are one phase: continued coasting, a short hold after accelerating.
+    Intervals covered by a single instruction are one phase: continued coasting, even with a brake that hardly slows the
+    train before it has none, and a short hold after accelerating.
     Raises InfeasibleError if the train stalls.
     """
     state, section = run.state, front.section
     first = len(section.step_m) - len(state.step_m)
-    begins = [0, *(np.flatnonzero(np.diff(run.said)) + 1).tolist()]
+    # Where the train has no brake, the braking curve is that of a coasting train.
+    said = np.where((run.said % CODE == ON_CURVE) & ~section.has_brake[first:], ROLLS, run.said)
+    begins = [0, *(np.flatnonzero(np.diff(said)) + 1).tolist()]
     phases: list[Phase] = []
-    for begin, end in zip(begins, [*begins[1:], len(run.said)], strict=True):
-        one = _phase(front, run, begin, end, first)
+    for begin, end in zip(begins, [*begins[1:], len(said)], strict=True):
+        one = _phase(front, run, int(said[begin]), (begin, end), first)
         before = phases[-1] if phases else None
-        if before is not None and one.kind is before.kind is PhaseKind.COAST:
+        brief = end < len(said) and said[end] == ROLLS and run.speeds_mps[begin] < run.speeds_mps[end] + NEAR_MPS
+        coasts = one.kind is PhaseKind.COAST or (one.kind is PhaseKind.BRAKE and brief)
+        if before is not None and before.kind is PhaseKind.COAST and coasts:
             phases[-1] = before._replace(target_mps=one.target_mps)
         elif before is None or not _is_said(before, one, float(run.elapsed_s[end] - run.elapsed_s[begin])):
             phases.append(one)
@@ -47,12 +52,13 @@ def said_of(front: GuideFront, phase: Phase) -> int:
     return x * CODE + min(alike, key=lambda m: abs(SHARES[m] - phase.share))
 
 
-def _phase(front: GuideFront, run: GuideRun, begin: int, end: int, first: int) -> Phase:
-    """The phase of an instruction that holds from node `begin` to `end` of a run, whose first node is `first`."""
-    x, manner = divmod(int(run.said[begin]), CODE)
+def _phase(front: GuideFront, run: GuideRun, said: int, nodes: tuple[int, int], first: int) -> Phase:
+    """The phase of an instruction that holds between two nodes of a run, whose first node is `first`."""
+    (x, manner), (begin, end) = divmod(said, CODE), nodes
+    ends_mps = float(run.speeds_mps[end])
     if manner == ON_CURVE:
-        return Phase(PhaseKind.BRAKE, 0.0, first + begin, float(front.curve.goal_mps[first + begin]))
-    kind, target_mps, ends_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x]), float(run.speeds_mps[end])
+        return Phase(PhaseKind.BRAKE, 0.0, first + begin, max(float(front.curve.goal_mps[first + begin]), ends_mps))
+    kind, target_mps = PhaseKind(KINDS[manner]), float(front.speeds_mps[x])
     if manner == ROLLS_UP and not _only_rises(run.speeds_mps[begin : end + 1], target_mps):
         return Phase(PhaseKind.COAST, 0.0, first + begin, ends_mps)
     if kind in (PhaseKind.COAST, PhaseKind.BRAKE):

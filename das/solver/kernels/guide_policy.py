@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from das.compiling import compiled, kernel
 from das.domain.units import KMH
-from das.solver.kernels.forces import on_supply, traction_limit
+from das.solver.kernels.forces import brake_limit, on_supply, traction_limit
 from das.solver.kernels.landings import landing_speed, landing_under, step_cost
 from das.solver.kernels.schedule import BACK_SHARE, BRAKE, COAST, CURVE, HOLD, TRACTION
 from das.solver.kernels.tuples import LineArrays
@@ -154,7 +154,9 @@ def column_landing(m, v0, step, p):
         full = landing_speed(v0, h, 1.0, g, q, p)
         return max(landing_speed(v0, h, SHARES[BACK], g, q, p), min(v0, full))
     rolls = landing_under(0.0, v0, h, g, q, p)
-    return min(rolls, v0) if m == FROM_ABOVE else rolls
+    if m != FROM_ABOVE or rolls <= v0:
+        return rolls
+    return max(v0, landing_under(-brake_limit(v0, p, p.friction_force_n), v0, h, g, q, p))  # Motors may be off.
 
 
 @kernel
@@ -163,7 +165,7 @@ def kept_landing(m, v0, v1, envelope, top, last):
     if m == ON_CURVE and last:
         return top if v1 >= top - SAME_MPS else -1.0
     if v1 > top:
-        if m == ON_CURVE:
+        if m == ON_CURVE or v1 <= top + CONTACT_MPS:
             v1 = top
         elif m < ROLLS:
             v1 = top if v0 <= top + SAME_MPS else -1.0
@@ -311,6 +313,7 @@ def fill_parts(v0, falls, limit_mps, line_mps, speeds, landing_mps, spans, parts
         begin = min(first_above(speeds, v0 - BAND_MPS), up_to)
     reached = min(max(first_above(speeds, up - SAME_MPS), equal, begin), up_to)
     below = min(max(first_above(speeds, down - SAME_MPS), begin), reached)
+    begin = below if down > v0 + SAME_MPS else begin  # The brakes cannot hold the train on the descent.
     n = add_part(parts, 0, HOLDS, 0, begin, NOTHING)
     n = add_part(parts, n, HOLDS, begin, below, FROM_ABOVE)
     n = add_part(parts, n, HOLDS, below, reached, COPIES + LANDED)

@@ -182,6 +182,22 @@ def test_a_train_above_a_limit_is_brought_back_in_time() -> None:
     assert ahead.back_under(4300.0, 24.0, 25.0).effort == 0.0
 
 
+def test_a_train_without_motor_brakes_brakes_with_friction_late_instead_of_coasting_from_far_away() -> None:
+    """Plans coast there, for they use no friction brake; a train that is faster than planned has that brake."""
+    limits = [(0.0, 35.0), (3900.0, 25.0)]
+    route = replace(make_route(END_M, limits), no_regeneration=(Zone(start_m=2000.0, length_m=1900.0),))
+    train = replace(TRAIN, brake_policy=BrakePolicy.ELECTRIC)
+    section = build_section(route, train, options=SectionOptions(braking=USUAL.of(train), point_mass=True))
+    ahead = BrakingAhead(section)
+    planned_mps = float(np.interp(2900.0, section.node_m, section.envelope_mps))
+    assert planned_mps < 28.0
+    assert [ahead.is_due(s_m, planned_mps + 2.0, 5.0) for s_m in (1900.0, 2900.0, 3790.0)] == [False, False, True]
+    # With 400 kN against 454 t of inertia, 30 m/s fall to 25 m/s in 156 m.
+    inertia_kg, brake_n = train.inertial_mass_kg, train.friction_brake_force_n
+    way_m = inertia_kg * (30.0**2 - 25.0**2) / (2.0 * (brake_n + float(train.resistance.force_n(27.5))))
+    assert ahead.allowed_mps(3900.0 - 5.0 - way_m) == pytest.approx(30.0, abs=0.1)
+
+
 def test_no_motors_brake_where_the_line_takes_no_power() -> None:
     """In a neutral section only the friction brake works; efforts still count in shares of the motors' braking."""
     route = replace(make_route(END_M, [(0.0, 35.0)]), neutral_sections=(Zone(start_m=3000.0, length_m=300.0),))

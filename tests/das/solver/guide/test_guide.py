@@ -18,7 +18,7 @@ from das.domain.effort import EffortEnvelope
 from das.domain.errors import InfeasibleError
 from das.domain.journey import Window
 from das.domain.losses import EfficiencyLoss
-from das.domain.route import Route
+from das.domain.route import Route, Zone
 from das.domain.units import KMH
 from das.domain.vehicle import BrakePolicy, Vehicle
 from das.solver.front import Front
@@ -180,6 +180,18 @@ def test_a_train_on_a_steep_descent_rolls_up_to_its_speeds_and_holds_them() -> N
     assert not any(one.kind is PhaseKind.TRACTION and one.share > 0.0 for one in after)
     assert [(one.rolls_up, round(one.target_mps / KMH)) for one, _ in rolled] == [(False, 60), (True, 55)]
     assert all(run.speeds_mps[then.begin] == pytest.approx(one.target_mps) for one, then in rolled)
+
+
+def test_where_the_motors_have_no_brake_a_train_coasts_even_down_a_descent() -> None:
+    """Plans without friction brake: the braking curve is there that of a coasting train, and no speed can be held."""
+    route = make_route(6_000.0, [(0.0, 120.0 * KMH), (4_000.0, 100.0 * KMH)], [(0.0, 0.0), (5_200.0, -0.008)])
+    dead = Zone(start_m=2_500.0, length_m=1_500.0), Zone(start_m=5_600.0, length_m=250.0)
+    route = dataclasses.replace(route, no_regeneration=dead[:1], neutral_sections=dead[1:])
+    front, run = asked(route, LOCAL, 0.02)
+    made = scheduled_run(front, run).schedule
+    assert {made.phases[k].kind for k in made.at[front.section.supply < 0]} == {PhaseKind.COAST}
+    least_j = solve_front(front.section).trajectory(run.time_s).balance.input
+    assert run.energy_j < 1.015 * least_j
 
 
 @pytest.mark.parametrize("buffer_ratio", [0.02, 0.04, 0.15])
