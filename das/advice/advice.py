@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 from das.advice.reason import NO_REASON, Reason
 from das.advice.regimes import Regime
 from das.domain.errors import DasError
-from das.estimate.estimate import Problem, ProblemKind
+from das.estimate.estimate import ProblemKind
 
 
 class Cause(IntEnum):
@@ -82,19 +83,11 @@ OF_PROBLEM = {
 """Cause of the withdrawal for each problem with a position."""
 
 
-@dataclass(frozen=True)
-class Withdrawal:
-    """Why there is no advice: the cause and its facts. Fields that the cause does not need keep their defaults."""
+class Withdrawal(NamedTuple):
+    """Why there is no advice: the cause, and the text that only this case has: an error message, names or figures."""
 
     cause: Cause
     text: str = ""
-    """Additional text: why a journey or section was refused, an error message, or the names of two publishers."""
-    problem: Problem | None = None
-    """Problem of the position; None if the position is not the cause."""
-    position_m: float = 0.0
-    """The train's position (m); for `PAST_STOP`, how far it has run past its stop (m)."""
-    section_m: tuple[float, float] = (0.0, 0.0)
-    """The two ends of the section (m)."""
 
 
 class ReplanCause(IntEnum):
@@ -118,11 +111,6 @@ class ReplanCause(IntEnum):
     """The previous reference would need more energy than a new one."""
     LOST = 8
     """The train cannot follow the previous reference from its state."""
-
-    @property
-    def label(self) -> str:
-        """The name of the cause in events, tests and tables, e.g. `energy`."""
-        return self.name.lower()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -60,15 +60,11 @@ class NeededBrake(NamedTuple):
     at_m: float = math.inf
 
 
-NOTHING = NeededBrake(0.0)
-
-
 class _Foot(NamedTuple):
-    """The foot of a braking curve: its place, its speed and the square of it, and the way with brakes up to there."""
+    """The foot of a braking curve: its place, its speed, and the way with brakes up to there."""
 
     at_m: float
     speed_mps: float
-    speed_w: float
     braked_m: float
 
 
@@ -86,8 +82,8 @@ class BrakingAhead:
         supplies, which = np.unique(section.supply, return_inverse=True)
         brakes = np.array([kernels.most_braked(1.0, one, self._train) > 0.0 for one in supplies.tolist()])
         self._braked_m = np.append(0.0, np.cumsum(section.step_m * brakes[which]))
-        columns = section.node_m[feet], envelope[feet], self._planned_w[feet], self._braked_m[feet]
-        self._feet = [_Foot(*one) for one in zip(*(column.tolist() for column in columns), strict=True)]
+        columns = np.column_stack((section.node_m, envelope, self._braked_m))
+        self._feet = [_Foot(*one) for one in columns[feet].tolist()]
         self._demanded = list(_demanded(section))
         self._half_build_up_s = 0.5 * section.vehicle.service_brake.build_up_s
         # While a brake is announced, the same effort is computed every second.
@@ -177,26 +173,24 @@ class BrakingAhead:
 
     def needed(self, s_m: float, v_mps: float) -> NeededBrake:
         """The least braking from here that keeps every limit and the stop ahead; the largest if none is enough."""
-        here_m, largest = float(np.interp(s_m, self.section.node_m, self._braked_m)), 0.0
-        ahead: list[tuple[_Foot, float]] = []
-        for foot in self._feet:
-            if foot.at_m > s_m and foot.speed_mps < v_mps - SPEED_SLACK_MPS:
-                rate_mps2 = (v_mps**2 - foot.speed_w) / (2.0 * max(foot.braked_m - here_m, 1.0))
-                largest = max(largest, rate_mps2)
-                ahead.append((foot, rate_mps2))
-        if largest < LEAST_MPS2:
-            return NOTHING
-        rivals: list[NeededBrake] = []
-        for foot, rate_mps2 in ahead:
-            if rate_mps2 >= RIVALS * largest:
-                effort = self.effort_to(s_m, v_mps, foot.at_m, foot.speed_mps)
-                rivals.append(NeededBrake(effort, foot.speed_mps, foot.at_m))
-        nearest = most = max(rivals)
+        here_m = float(np.interp(s_m, self.section.node_m, self._braked_m))
+        rates_mps2 = {
+            foot: (v_mps**2 - foot.speed_mps * foot.speed_mps) / (2.0 * max(foot.braked_m - here_m, 1.0))
+            for foot in self._feet
+            if foot.at_m > s_m and foot.speed_mps < v_mps - SPEED_SLACK_MPS
+        }
+        largest_mps2 = max(rates_mps2.values(), default=0.0)
+        if largest_mps2 < LEAST_MPS2:
+            return NeededBrake(0.0)
+        rivals = [
+            NeededBrake(self.effort_to(s_m, v_mps, foot.at_m, foot.speed_mps), foot.speed_mps, foot.at_m)
+            for foot, rate_mps2 in rates_mps2.items()
+            if rate_mps2 >= RIVALS * largest_mps2
+        ]
+        most = max(one.effort for one in rivals)
         # Of places that need nearly the same effort, the nearest is named: the driver reaches it first.
-        for one in reversed(rivals):
-            if one.effort >= ALIKE * most.effort:
-                nearest = one
-        return nearest._replace(effort=most.effort)
+        nearest = next(one for one in rivals if one.effort >= ALIKE * most)
+        return nearest._replace(effort=most)
 
     def _effort_to(self, s_m: float, v_mps: float, to_m: float, target_mps: float) -> float:
         effort = self._least_effort(s_m, v_mps, to_m, target_mps)

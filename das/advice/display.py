@@ -11,7 +11,7 @@ import numpy as np
 from das.advice import kernels, wording
 from das.advice.advice import Advice, Guidance, Instruction, Source, Withdrawal
 from das.advice.braking import BRAKED_MORE, SPEED_SLACK_MPS, braking_mode
-from das.advice.goal import DEVIATION_NAMED_S, Goal, SpeedsAllowed, TrainState
+from das.advice.goal import DEVIATION_NAMED_S, Goal, SpeedsAllowed, TrainState, is_too_fast
 from das.advice.plan import HOLD_S, Floats, Place, Plan
 from das.advice.planner import PASSED_M, Planner, passed_s
 from das.advice.reason import NO_REASON, Reason, ReasonCode
@@ -55,6 +55,16 @@ class Scene(NamedTuple):
     guide: Guidance | None = None
     late_s: float = math.nan
 
+    @property
+    def excess_mps(self) -> float:
+        """The excess (m/s) of the train over the allowed speed; < 0 if it is slower."""
+        return self.state.v_mps - self.allowed.allowed_mps
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether the excess is too large for traction; the warning in `allowed` may last longer."""
+        return is_too_fast(self.excess_mps)
+
 
 class Display:
     """Builds each advice message and keeps modes and speeds on the display long enough to be read."""
@@ -87,22 +97,20 @@ class Display:
         self._show(Regime.STOP, scene.state.now_ns)  # Modes from before the stop are no longer shown.
         moving = self.following(scene, plan)
         self._show(Regime.DEPART, scene.state.now_ns)
-        run, place = plan.solution.trajectory, plan.at(scene.state.s_m)
-        departs = Instruction(
-            mode=moving.mode,
-            speed_mps=step_below(float(run.v_mps[int(plan.next_change[place.interval])])),
-            effort_ratio=moving.advised_force_ratio,
-        )
-        if scene.guide is not None and math.isfinite(scene.guide.now.effort_ratio):
-            departs = replace(scene.guide.now, mode=departure_regime(scene.guide.now.effort_ratio))
+        guide, change = scene.guide, plan.next_change[plan.at(scene.state.s_m).interval]
+        mode, effort_ratio = moving.mode, moving.advised_force_ratio
+        speed_mps = step_below(float(plan.solution.trajectory.v_mps[change]))
+        if guide is not None and math.isfinite(guide.now.effort_ratio):
+            speed_mps, effort_ratio = guide.now.speed_mps, guide.now.effort_ratio
+            mode = departure_regime(effort_ratio)
         return replace(
             moving,
             mode=Regime.DEPART,
-            next_mode=departs.mode,
+            next_mode=mode,
             next_change_m=math.nan,
             next_change_s=math.nan,
-            departure_speed_mps=departs.speed_mps,
-            departure_force_ratio=departs.effort_ratio,
+            departure_speed_mps=speed_mps,
+            departure_force_ratio=effort_ratio,
             **STANDING,
         )
 
@@ -136,11 +144,9 @@ class Display:
         """The advice for a moving train, from its plan and the guide's advice."""
         state, planner, goal, late_s = scene.state, scene.planner, scene.goal, scene.late_s
         place, allowed = plan.at(state.s_m), scene.allowed.allowed_mps
-        excess_mps = state.v_mps - allowed
-        too_fast = excess_mps > OVERSPEED_MPS
-        mode, following = self._instructed(plan, place, scene, too_fast=too_fast)
+        mode, following = self._instructed(plan, place, scene)
         advised = min(place.speed_mps, allowed)
-        speeds, forces = self._horizon(plan, place, scene, advised, too_fast=too_fast)
+        speeds, forces = self._horizon(plan, place, scene, advised)
         arrival_ns = state.now_ns + round((plan.solution.time_s - place.time_s) / NS)
         if math.isfinite(late_s):
             arrival_ns = goal.arrival_ns + round(late_s / NS)
@@ -163,7 +169,7 @@ class Display:
             predicted_deviation_s=deviation_s,
             buffer_ratio=_buffer_ratio(scene),
             energy_to_go_j=plan.energy_to_go_j(place.interval, state.s_m),
-            reason=self._reason(scene, plan, deviation_s, excess_mps),
+            reason=self._reason(scene, plan, deviation_s),
         )
 
     def _advice(self, scene: Scene, source: Source | None = None, **fields: Any) -> Advice:
@@ -181,9 +187,7 @@ class Display:
             **fields,
         )
 
-    def _horizon(
-        self, plan: Plan, place: Place, scene: Scene, advised_mps: float, *, too_fast: bool
-    ) -> tuple[Floats, Floats]:
+    def _horizon(self, plan: Plan, place: Place, scene: Scene, advised_mps: float) -> tuple[Floats, Floats]:
         """Speeds and forces of the next seconds, with no speed above what limits and the stop allow.
 
         A brake stronger than planned lasts as long as the advice is valid.
@@ -194,11 +198,11 @@ class Display:
             place.time_s, run.s_m, run.t_s, run.v_mps, plan.force_n, section.node_m, planner.allowed_w,
             section.limit_mps, speeds, forces,
         )  # fmt: skip
-        planned_n = 0.0 if too_fast else float(plan.shown_force_n[place.interval])
+        planned_n = 0.0 if scene.too_fast else float(plan.shown_force_n[place.interval])
         if self._force_n < min(planned_n, 0.0):
             soon = slice(math.ceil(VALID_FOR_S))
             forces[soon] = np.minimum(forces[soon], self._force_n)
-        if too_fast:
+        if scene.too_fast:
             planned_m = np.interp(place.time_s + np.arange(1.0, HORIZON_S + 1.0), run.t_s, run.s_m)
             speeds = kept_behind(speeds, advised_mps, state, planned_m, planner)
         return speeds, forces
@@ -206,38 +210,35 @@ class Display:
     def _show(self, mode: Regime, now_ns: int) -> None:
         self._mode, self._mode_since_ns = mode, now_ns
 
-    def _follow_mode(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> Regime:
+    def _follow_mode(self, plan: Plan, place: Place, scene: Scene) -> Regime:
         wanted, shown_n = Regime(int(plan.modes[place.interval])), float(plan.shown_force_n[place.interval])
-        if too_fast and shown_n > 0:  # The plan begins on the braking curve; a train above it gets no traction.
+        # The plan begins on the braking curve; a train above it gets no traction.
+        if scene.too_fast and shown_n > 0:
             wanted, shown_n = Regime.COAST, 0.0
-        wanted, shown_n = braked_enough(wanted, shown_n, scene.state, scene.planner, place.speed_mps, too_fast=too_fast)
+        wanted, shown_n = braked_enough(wanted, shown_n, scene, place.speed_mps)
         mode = self.held_mode(wanted, scene.state.now_ns)
         if mode is wanted:
             self._force_n = shown_n
         return mode
 
-    def _instructed(self, plan: Plan, place: Place, scene: Scene, *, too_fast: bool) -> tuple[Regime, Instruction]:
+    def _instructed(self, plan: Plan, place: Place, scene: Scene) -> tuple[Regime, Instruction]:
         """The mode to show and the next change: the guide's if its instruction is due, else the plan's."""
         guide = scene.guide
         if guide is not None and guide.now.mode is not Regime.DEPART and guide.now.in_s <= 0.0:
-            return self._as_guided(guide, plan, scene, place, too_fast=too_fast)
-        mode = self._follow_mode(plan, place, scene, too_fast=too_fast)
+            return self._as_guided(guide, plan, scene, place)
+        mode = self._follow_mode(plan, place, scene)
         if guide is not None and guide.now.in_s > 0.0:
             return mode, guide.now
         return mode, self._next_change(plan, mode, scene.state, place)
 
-    def _as_guided(
-        self, guide: Guidance, plan: Plan, scene: Scene, place: Place, *, too_fast: bool
-    ) -> tuple[Regime, Instruction]:
+    def _as_guided(self, guide: Guidance, plan: Plan, scene: Scene, place: Place) -> tuple[Regime, Instruction]:
         """The mode and the next change of the guide's instruction, with the force that keeps to its reference.
 
         A larger force may be needed to brake: it is constant until the advice expires, while the guide's effort grows.
         """
         state, mode, self._force_n = scene.state, guide.now.mode, guide.reference_force_n
         if mode in BRAKES:
-            mode, self._force_n = braked_enough(
-                mode, self._force_n, state, scene.planner, place.speed_mps, too_fast=too_fast
-            )
+            mode, self._force_n = braked_enough(mode, self._force_n, scene, place.speed_mps)
         if mode is not self._mode:
             self._show(mode, state.now_ns)
         if guide.following:
@@ -270,13 +271,12 @@ class Display:
         self._shown_mps = min(steady_mps, step_below(allowed_mps))
         return self._shown_mps
 
-    def _reason(self, scene: Scene, plan: Plan, deviation_s: float, excess_mps: float) -> Reason:
-        planner, goal = scene.planner, scene.goal
-        basis, fit = planner.basis, plan.solution.fit
+    def _reason(self, scene: Scene, plan: Plan, deviation_s: float) -> Reason:
+        planner, goal, fit = scene.planner, scene.goal, plan.solution.fit
         if scene.allowed.too_fast:
-            return Reason(code=ReasonCode.TOO_FAST, speed_mps=excess_mps)
-        if basis.front is None:
-            return Reason(code=ReasonCode.FASTEST_SAFE if basis.before is None else ReasonCode.AS_BEFORE)
+            return Reason(code=ReasonCode.TOO_FAST, speed_mps=scene.excess_mps)
+        if planner.front is None:
+            return Reason(code=ReasonCode.FASTEST_SAFE if planner.before is None else ReasonCode.AS_BEFORE)
         window = self._window_said(scene, plan, deviation_s)
         if window:
             return window
@@ -295,7 +295,7 @@ class Display:
         """The point ahead, if it may not be passed yet or will be passed late; otherwise no reason."""
         state, planner, goal = scene.state, scene.planner, scene.goal
         point = goal.passing
-        if point is None or state.s_m >= point.s_m - PASSED_M or planner.basis.passing is None:
+        if point is None or state.s_m >= point.s_m - PASSED_M or planner.passing is None:
             return NO_REASON
         code, time_ns = ReasonCode.POINT_EARLIEST, point.earliest_ns or 0
         if time_ns <= state.now_ns:
@@ -312,11 +312,10 @@ def _buffer_ratio(scene: Scene) -> float:
     return goal.left_s(state.now_ns) / least_s - 1.0 if least_s > LEAST_FOR_BUFFER_S else math.nan
 
 
-def braked_enough(
-    mode: Regime, force_n: float, state: TrainState, planner: Planner, planned_mps: float, *, too_fast: bool
-) -> tuple[Regime, float]:
+def braked_enough(mode: Regime, force_n: float, scene: Scene, planned_mps: float) -> tuple[Regime, float]:
     """The mode and force (N) to show: those given, or braking that is due soon or needed because of excess speed."""
-    ahead, allowed_mps = planner.ahead, planner.allowed_for(state)
+    state, planner, allowed_mps = scene.state, scene.planner, scene.allowed.allowed_mps
+    ahead = planner.ahead
     gained_mps2 = (force_n - ahead.section.resistance_n(state.s_m, state.v_mps)) / ahead.section.train.inertial_mass_kg
     pulls = force_n > 0.0 and gained_mps2 > GAINS_MPS2
     if pulls:
@@ -328,10 +327,9 @@ def braked_enough(
             too_much_n = max(gained_mps2 - room_mps2, 0.0) * ahead.section.train.inertial_mass_kg
             return mode, max(force_n - too_much_n, 0.0)
         mode, force_n = Regime.COAST, 0.0
-    rolls_above = state.v_mps > allowed_mps and gained_mps2 > 0.0
-    back = too_fast or rolls_above
+    back = scene.too_fast or (state.v_mps > allowed_mps and gained_mps2 > 0.0)
     effort = ahead.back_under(state.s_m, state.v_mps, allowed_mps).effort if back else 0.0
-    above = too_fast or pulls or state.v_mps > planned_mps + SPEED_SLACK_MPS
+    above = scene.too_fast or pulls or state.v_mps > planned_mps + SPEED_SLACK_MPS
     within_s, more_ratio = (REACTS_S, BRAKED_MORE) if above else (NEXT_S, 1.0)
     if ahead.is_due(state.braked_m, state.v_mps, within_s):
         effort = max(effort, ahead.needed(state.braked_m, state.v_mps).effort)

@@ -67,8 +67,8 @@ class SpeedsAllowed(NamedTuple):
     too_fast: bool = False
 
 
-def is_too_fast(excess_mps: float, *, told: bool) -> bool:
-    """Whether a driver is warned of an excess over the allowed speed (m/s); `told`: the warning is already shown."""
+def is_too_fast(excess_mps: float, *, told: bool = False) -> bool:
+    """Whether an excess over the allowed speed (m/s) calls for a warning; `told`: the warning is already shown."""
     return excess_mps > (SAME_READING_MPS if told else OVERSPEED_MPS)
 
 
@@ -97,11 +97,6 @@ class Goal:
     def left_s(self, now_ns: int) -> float:
         """The time (s) left until the arrival; < 0 once it has passed."""
         return (self.arrival_ns - now_ns) * NS
-
-    def waits(self, state: TrainState) -> bool:
-        """Whether there is a point ahead that may not be passed yet."""
-        point = self.passing
-        return point is not None and point.s_m > state.s_m and (point.earliest_ns or 0) > state.now_ns
 
     def aimed_s(self, now_ns: int) -> float:
         """The time (s) that a plan made now may take to the end of the section."""

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 
+from das.advice.regimes import Regime
 from das.compiling import kernel
 from das.solver.kernels.forces import brake_limit, electric_limit, mean_resistance, on_supply
+
+_REDUCED_TRACTION, _CRUISE, _COAST = int(Regime.REDUCED_TRACTION), int(Regime.CRUISE), int(Regime.COAST)
+_LEAST_BRAKE = int(Regime.REDUCED_BRAKE)
 
 
 @kernel
@@ -63,20 +67,20 @@ def horizon(here_s, s_m, t_s, v, force, nodes, envelope_w, limit, speeds, forces
 
 
 @kernel
-def without_ripples(modes, v, cruise, rolling, band):
-    """Modes per interval; a stretch between two stretches of `cruise` becomes `cruise` as well if it hardly differs.
+def without_ripples(modes, v, band):
+    """Modes per interval; a stretch between two stretches of cruising becomes cruising as well if it hardly differs.
 
-    Hardly: the speeds stay within `band` (m/s) of each other, and only the two modes `rolling` occur in the stretch.
+    Hardly: the speeds stay within `band` (m/s) of each other, and the train only coasts or has reduced traction.
     """
     result = modes.copy()
     after = -1  # where the last stretch of cruising ended
     low = high = 0.0
     for i in range(modes.size):
-        if modes[i] == cruise:
+        if modes[i] == _CRUISE:
             if after >= 0 and high - low <= band:
-                result[after:i] = cruise
+                result[after:i] = _CRUISE
             after, low, high = i + 1, v[i + 1], v[i + 1]
-        elif modes[i] == rolling[0] or modes[i] == rolling[1]:
+        elif modes[i] == _REDUCED_TRACTION or modes[i] == _COAST:
             low, high = min(low, v[i + 1]), max(high, v[i + 1])
         else:
             after = -1
@@ -84,10 +88,10 @@ def without_ripples(modes, v, cruise, rolling, band):
 
 
 @kernel
-def without_short(modes, t_s, brakes, least_s):
-    """Modes per interval; each mode that lasts less than `least_s` is replaced by the one before it.
+def without_short(modes, t_s, least_s):
+    """Modes per interval; each mode other than braking that lasts less than `least_s` becomes the one before it.
 
-    Consecutive replaced modes last less than `least_s` in total. Modes numbered `brakes` or higher are never replaced.
+    Consecutive replaced modes last less than `least_s` in total.
     """
     result = modes.copy()
     hidden_s = 0.0
@@ -96,7 +100,7 @@ def without_short(modes, t_s, brakes, least_s):
         if last < modes.size and modes[last] == modes[first]:
             continue
         hidden_s += t_s[last] - t_s[first]
-        if first > 0 and modes[first] < brakes and hidden_s < least_s:
+        if first > 0 and modes[first] < _LEAST_BRAKE and hidden_s < least_s:
             result[first:last] = result[first - 1]
         else:
             hidden_s = 0.0

@@ -43,16 +43,10 @@ SDS_AHEAD = 2.0
 """Number of standard deviations by which the train is assumed to be ahead of its estimated position."""
 BY_EYE_M = 10.0
 """Distance (m) from which the driver sees the mark: nearer to it, the estimated position counts."""
-HELD_ABOVE_MPS = 1.0
-"""Largest excess (m/s) over the allowed speed at which advice to hold a lower speed, not to brake, is safe."""
-BACK_IN_S = 5.0
-"""Time (s) in which strong enough braking brings a train back under a limit."""
 FORCE_RATIO = 1.02
 """Multiple of the largest force at a speed up to which a force counts as available: the difference is rounding."""
 LONGEST_S = 30.0
 """Longest time (s) ahead for which announced braking is judged; later braking will be judged again."""
-STOPPED_MPS = 0.1
-"""Speed (m/s) below which a train counts as standing."""
 _STANDS = (Regime.STOP, Regime.DEPART)
 
 
@@ -100,7 +94,6 @@ class LastWord:
     """Checks each advice message by itself; only the braking model of the last section and train is remembered."""
 
     def __init__(self) -> None:
-        self._basis: BrakingBasis | None = None
         self._model: BrakingModel | None = None
 
     def judge(self, advice: Advice, here: Estimate, basis: BrakingBasis) -> tuple[Advice, tuple[Act, ...]]:
@@ -116,8 +109,8 @@ class LastWord:
                 valid_until_ns=advice.time_ns,
             )
             return withdrawn, (Act(Part.STATE, here.speed_mps, math.nan),)
-        if self._model is None or basis != self._basis:
-            self._basis, self._model = basis, BrakingModel(basis)
+        if self._model is None or basis != self._model.basis:
+            self._model = BrakingModel(basis)
         return _Judgement(advice, here, self._model).result()
 
 
@@ -132,7 +125,6 @@ class _Judgement:
         self._behind_m = here.s_m - deviation_m
         self._ahead_m = min(here.s_m + deviation_m, max(here.s_m, model.end_m - BY_EYE_M))
         """The furthest position (m) at which the train may be."""
-        self._told_from_m = advice.s_m  # Distances in the advice count from here.
         self._bound_mps = model.bound_mps(self._ahead_m)
         self._acts: list[Act] = []
 
@@ -152,7 +144,7 @@ class _Judgement:
 
     def _judge_effort(self) -> None:
         advice = self._advice
-        if advice.mode in _STANDS and self._v_mps < STOPPED_MPS:
+        if advice.mode in _STANDS and self._v_mps < kernels.STOPPED_MPS:
             return
         shown = advice.advised_speed_mps, advice.advised_force_n, advice.advised_force_ratio
         if not _finite(*shown, *advice.horizon_speed_mps, *advice.horizon_force_n) or not advice.horizon_speed_mps:
@@ -204,7 +196,7 @@ class _Judgement:
     def _reason(self, needed: Needed) -> Reason:
         """Why the train must brake: it is too fast already, or the limit or stop that it must brake for."""
         if needed.at_m >= self._model.end_m:
-            return Reason(code=ReasonCode.STOP, stop=self._model.end_stop)
+            return Reason(code=ReasonCode.STOP, stop=self._model.basis.route.stop_name_at(self._model.end_m))
         if needed.speed_mps < self._model.limit_mps(self._ahead_m):
             return Reason(code=ReasonCode.LIMIT, speed_mps=needed.speed_mps, at_m=needed.at_m)
         excess_mps = self._v_mps - needed.speed_mps
@@ -244,8 +236,7 @@ class _Judgement:
         if excess is not None:
             guide = self._safe_guide(guide)
             self._replace(Act(Part.GUIDE, *excess, instead_n=guide.force_n), guide=guide)
-        self._judge_speed_of(guide.now)
-        self._judge_following()
+        self._judge_following(self._with_safe_speed(guide))
 
     def _excess_of(self, guide: Guidance) -> Excess | None:
         """The excess of a driver who follows the guide, with the force shown or with the reference's, if any.
@@ -292,7 +283,7 @@ class _Judgement:
         now = Instruction(mode=Regime.CRUISE, speed_mps=held_mps)
         held = replace(guide, now=now, force_n=0.0, reference_force_n=0.0, lever_ratio=math.nan)
         choices = [replace(guide, following=()), held, replace(held, following=())]
-        if guide.now.mode in BRAKES or not held_mps > STOPPED_MPS:
+        if guide.now.mode in BRAKES or not held_mps > kernels.STOPPED_MPS:
             choices = choices[:1]
         safe = (one for one in choices if self._excess_of(one) is None)
         return next(safe, None) or self._braked_guide(guide)
@@ -311,36 +302,35 @@ class _Judgement:
             now=now,
             following=tuple(one for one in guide.following if one.way_m > way_m),
             target_m=way_m,
-            target_s=2.0 * way_m / max(self._v_mps + needed.speed_mps, STOPPED_MPS),
+            target_s=2.0 * way_m / max(self._v_mps + needed.speed_mps, kernels.STOPPED_MPS),
             force_n=force_n,
             reference_force_n=force_n,
             lever_ratio=self._lever_ratio(force_n),
             reason=self._reason(needed),
         )
 
-    def _judge_speed_of(self, now: Instruction) -> None:
-        """Lower the speed of the present instruction to what is allowed.
+    def _with_safe_speed(self, guide: Guidance) -> Guidance:
+        """The guide's advice with the speed of its present instruction lowered to what is allowed.
 
         A speed to reach or to hold is judged here and where the instruction is due; a speed to brake or coast to, where
         the braking or coasting ends: at its goal, or where the next instruction begins.
         """
-        guide, model = self._advice.guide, self._model
-        assert guide is not None
+        now, model = guide.now, self._model
         ends_m = min([guide.target_m, *(one.way_m for one in guide.following[:1] if _finite(one.way_m))])
         leads = now.mode in (*BRAKES, Regime.COAST)
-        at_m = self._told_from_m + (ends_m if leads else now.way_m)
+        at_m = self._advice.s_m + (ends_m if leads else now.way_m)
         here_m = at_m if leads else self._ahead_m
         bound_mps = max(model.bound_mps(at_m), model.bound_mps(here_m)) + SAME_READING_MPS
-        if not now.speed_mps <= bound_mps:
-            rounded = target_below if now.mode is Regime.COAST else step_below
-            instead_mps = rounded(max(model.allowed_mps(at_m), model.allowed_mps(here_m)))
-            act = Act(Part.GUIDE_SPEED, now.speed_mps, bound_mps, instead_mps)
-            self._replace(act, guide=replace(guide, now=replace(now, speed_mps=instead_mps)))
+        if now.speed_mps <= bound_mps:
+            return guide
+        rounded = target_below if now.mode is Regime.COAST else step_below
+        instead_mps = rounded(max(model.allowed_mps(at_m), model.allowed_mps(here_m)))
+        guide = replace(guide, now=replace(now, speed_mps=instead_mps))
+        self._replace(Act(Part.GUIDE_SPEED, now.speed_mps, bound_mps, instead_mps), guide=guide)
+        return guide
 
-    def _judge_following(self) -> None:
+    def _judge_following(self, guide: Guidance) -> None:
         """Lower announced speeds that are above the limit at their place, and drop a brake announced too late."""
-        guide = self._advice.guide
-        assert guide is not None
         kept: list[Instruction] = []
         first: Act | None = None
         for k, one in enumerate(guide.following):
@@ -348,10 +338,10 @@ class _Judgement:
             if excess is not None or not _finite(one.speed_mps, one.way_m, one.in_s):
                 first = first or Act(Part.GUIDE_NEXT, *(excess or Excess(one.speed_mps, math.nan)))
                 break  # The instructions after it no longer apply.
-            at_m = self._told_from_m + one.way_m
+            at_m = self._advice.s_m + one.way_m
             # A speed to reach or to hold applies where the instruction begins; one to coast or brake to, at its end.
             ends = k + 1 < len(guide.following) and one.mode in (*BRAKES, Regime.COAST)
-            to_m = self._told_from_m + guide.following[k + 1].way_m if ends else at_m
+            to_m = self._advice.s_m + guide.following[k + 1].way_m if ends else at_m
             limit_mps = self._model.highest_limit_mps(at_m + 1.0, to_m + 1.0)
             if one.speed_mps > limit_mps + SAME_READING_MPS:
                 first = first or Act(Part.GUIDE_NEXT, one.speed_mps, limit_mps, step_below(limit_mps))
@@ -380,8 +370,7 @@ class _Judgement:
     def _excess(self, doings: Sequence[Doing], lasts_s: float, since_s: float = 0.0) -> Excess | None:
         """The first speed between `since_s` and `lasts_s` that is too high if the driver does `doings`, or None."""
         done = np.array(doings, dtype=float)
-        tuned = FULL_RATIO, HELD_ABOVE_MPS, STOPPED_MPS, BACK_IN_S
-        found = kernels.first_excess(*self._model.train, done, self._ahead_m, self._v_mps, since_s, lasts_s, tuned)
+        found = kernels.first_excess(*self._model.train, done, self._ahead_m, self._v_mps, since_s, lasts_s)
         return Excess(*found) if found[0] >= 0 else None
 
     def _braking(self) -> tuple[float, Needed]:
@@ -500,13 +489,12 @@ class BrakingModel:
     """
 
     def __init__(self, basis: BrakingBasis) -> None:
-        measured = basis.conditions
+        self.basis, measured = basis, basis.conditions
         careful = replace(
             measured, mass_ratio=max(measured.mass_ratio, 1.0), resistance_ratio=min(measured.resistance_ratio, 1.0)
         )
         train, self.end_m = careful.train(basis.vehicle), basis.end_m
         self.vehicle = train
-        self.end_stop = basis.route.stop_name_at(basis.end_m)
         length_m = 0.0 if basis.point_mass else train.train_length_m
         nodes_m = _nodes(basis, length_m)
         limit_mps = np.minimum(_limits(basis, nodes_m, length_m), train.max_speed_mps)
@@ -591,12 +579,12 @@ def _nodes(basis: BrakingBasis, length_m: float) -> Floats:
     """The nodes (m): every place where a limit or the supply changes, and more in between."""
     route, last_m = basis.route, basis.end_m + STOP_TOLERANCE_M
     begins_m = basis.start_m - BEHIND_M
-    rising_m = [route.limits_mps.start_m, *(np.array([x.end_m]) for x in basis.restrictions)]
+    rising_m = np.append(route.limits_mps.start_m, [x.end_m for x in basis.restrictions])
     zones = (*route.neutral_sections, *route.no_regeneration)
     found = np.concatenate(
         (
-            *rising_m,
-            *(places_m + length_m for places_m in rising_m),
+            rising_m,
+            rising_m + length_m,
             [x.start_m for x in basis.restrictions],
             [edge_m for zone in zones for edge_m in (zone.start_m, zone.start_m + zone.length_m)],
             np.arange(begins_m, last_m, STEP_M),

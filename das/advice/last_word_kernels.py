@@ -12,12 +12,19 @@ import math
 
 import numpy as np
 
+from das.advice.regimes import FULL_RATIO
 from das.compiling import kernel
 
 STEPS_PER_MPS = 10.0
 """Speeds per m/s at which forces are tabulated."""
 STEP_S = 0.5
 """Time step (s) of the simulated motion of the train."""
+HELD_ABOVE_MPS = 1.0
+"""Largest excess (m/s) over the allowed speed at which advice to hold a lower speed, not to brake, is safe."""
+BACK_IN_S = 5.0
+"""Time (s) in which strong enough braking brings a train back under a limit."""
+STOPPED_MPS = 0.1
+"""Speed (m/s) below which a train counts as standing."""
 
 LIMIT, LINE, MOTORS, ALLOWED, BOUND, PLACES = 0, 1, 2, 3, 6, 9
 """Rows of `places`: the limit over the train (m/s), the deceleration by gradient and curves (m/s²), and whether the
@@ -136,7 +143,7 @@ def after_step(nodes, places, forces, mass, doing, s, v):
 
 
 @kernel
-def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, tuned):
+def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts):
     """The first speed (m/s) above the bound at its place if the driver follows `doings`, and that bound (m/s).
 
     Returns -1, -1 if there is none between the times `since` and `lasts` (s). A row of `doings` holds the time until
@@ -144,11 +151,11 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
     the electric brake at its beginning (N); if that is above 0, a braking force is scaled with the electric brake.
 
     A train above its bound is not counted if the instruction corrects that. Holding a speed up to the bound suffices
-    if the train exceeds what is allowed by at most `held_above` (m/s). Otherwise the share `full_ratio` of full braking
-    suffices or, where the limit itself is what is allowed, slowing down to it within `back_in` (s); and trains slower
-    than `stopped` (m/s) are not counted. `tuned` holds `full_ratio`, `held_above`, `stopped`, `back_in`.
+    if the train exceeds what is allowed by at most `HELD_ABOVE_MPS`. Otherwise the share `FULL_RATIO` of full braking
+    suffices or, where the limit itself is what is allowed, slowing down to it within `BACK_IN_S`; and trains slower
+    than `STOPPED_MPS` are not counted.
     """
-    k, (full_ratio, held_above, stopped, back_in) = 0, tuned
+    k = 0
     for step in range(math.ceil(lasts / STEP_S) + 1):
         while k + 1 < doings.shape[0] and (step + 0.5) * STEP_S > doings[k, 0]:
             k += 1
@@ -157,13 +164,13 @@ def first_excess(nodes, places, forces, mass, most, doings, s, v, since, lasts, 
         if v > bound and step * STEP_S >= since:
             allowed = speed_at(nodes, places, ALLOWED, s)
             if doing[3] > 0.0:
-                suffices = doing[2] <= bound and v <= allowed + held_above
+                suffices = doing[2] <= bound and v <= allowed + HELD_ABOVE_MPS
             else:
                 full = full_brake(nodes, places, forces, mass, most, s, v)
                 level = allowed >= places[LIMIT, interval(nodes, s)] - 1e-9
-                comes_back = level and v - after >= (v - allowed) * STEP_S / back_in
-                all_given = full > 0.0 and asked(forces, doing, v) <= -full_ratio * full
-                suffices = v < stopped or (v > doing[2] and (comes_back or all_given))
+                comes_back = level and v - after >= (v - allowed) * STEP_S / BACK_IN_S
+                all_given = full > 0.0 and asked(forces, doing, v) <= -FULL_RATIO * full
+                suffices = v < STOPPED_MPS or (v > doing[2] and (comes_back or all_given))
             if not suffices:
                 return v, bound
         s, v = s + 0.5 * (v + after) * STEP_S, after

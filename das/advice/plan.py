@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from das.advice import kernels
-from das.advice.regimes import FULL_RATIO, ROLLING, Regime
+from das.advice.regimes import FULL_RATIO, Regime
 from das.domain.units import KMH
 from das.solver.section import Section
 from das.solver.solution import Solution
@@ -24,10 +24,9 @@ HOLD_S: Final = 3.0
 """Least duration (s) of a mode before one with more traction or less braking is shown."""
 
 Floats = NDArray[np.float64]
-Modes = NDArray[np.int64]
 
 
-def classify_modes(solution: Solution, section: Section) -> Modes:
+def classify_modes(solution: Solution, section: Section) -> NDArray[np.int64]:
     """The mode of each interval of a trajectory, from its acceleration and its share of the available force.
 
     A stretch between two stretches of cruising counts as cruising too if its speed changes by less than `RIPPLE_MPS`.
@@ -55,13 +54,7 @@ def classify_modes(solution: Solution, section: Section) -> Modes:
         ],
         Regime.COAST,
     )
-    cruise = int(Regime.CRUISE)
-    return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, cruise, ROLLING, RIPPLE_MPS))
-
-
-def without_short(modes: Modes, t_s: Floats) -> Modes:
-    """The modes of the intervals; a mode other than braking that lasts less than `HOLD_S` becomes the one before it."""
-    return np.asarray(kernels.without_short(modes, t_s, int(Regime.REDUCED_BRAKE), HOLD_S))
+    return np.asarray(kernels.without_ripples(modes.astype(np.int64), run.v_mps, RIPPLE_MPS))
 
 
 class Place(NamedTuple):
@@ -96,7 +89,7 @@ class Plan:
         run = solution.trajectory
         energy_j = run.input_j(run.loss_j(section.loss))
         planned = classify_modes(solution, section)
-        modes = without_short(planned, run.t_s)
+        modes = kernels.without_short(planned, run.t_s, HOLD_S)
         force_n = run.force_el_n + run.force_friction_n
         changes = np.append(np.flatnonzero(np.diff(modes)) + 1, len(modes))
         before = np.maximum.accumulate(np.where(modes == planned, np.arange(len(modes)), 0))

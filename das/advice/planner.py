@@ -6,7 +6,6 @@ A plan is kept while the train stays near it. The same inputs give the same plan
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -50,26 +49,22 @@ PASSED_M: Final = 5.0
 """Distance (m) to a point that counts as passed: it is too near for a plan to change the time of passing."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlanBasis:
-    """The basis of a section's plans.
+class Planner:
+    """Makes the plans of a section, and keeps each while the train follows it.
 
     `front` holds the optimal trajectories. While it is not known yet (None), the plan is the fastest safe trajectory,
     nowhere faster than `before`, the last plan. `passing` holds the guide's policies for a point's window of time.
     """
 
-    section: Section
-    front: Front | None = None
-    source: Source = Source.FALLBACK
-    passing: GuideFront | None = None
-    before: Plan | None = None
-
-
-class Planner:
-    """Makes the plans of a section from one `PlanBasis`, and keeps each while the train follows it."""
-
-    def __init__(self, basis: PlanBasis) -> None:
-        self.basis, self.section = basis, basis.section
+    def __init__(
+        self,
+        section: Section,
+        front: Front | None = None,
+        *,
+        passing: GuideFront | None = None,
+        before: Plan | None = None,
+    ) -> None:
+        self.section, self.front, self.passing, self.before = section, front, passing, before
         self.allowed_w = self.section.allowed_mps**2
         self._planned_w = self.section.envelope_mps**2
         self.plan: Plan | None = None
@@ -78,7 +73,8 @@ class Planner:
         """The braking that limits and the stop ahead need."""
         self._braked_early = False
         self._schedule: Schedule | None = None
-        self.source = basis.source
+        self._own_source = Source.FALLBACK if front is None else Source.SOLVED
+        self.source = self._own_source
         """The basis of the present plan."""
 
     def forget(self) -> None:
@@ -92,7 +88,7 @@ class Planner:
         a state outside the section, InfeasibleError if the train cannot reach the end of the section.
         """
         schedule = None if reference is None else reference.schedule
-        self.source = Source.TABLE if reference is not None and reference.finished else self.basis.source
+        self.source = Source.TABLE if reference is not None and reference.finished else self._own_source
         if self.plan is None or schedule is not self._schedule or not self._follows(self.plan, state):
             self._schedule = schedule
             section, v_mps = self.section, state.v_mps
@@ -150,38 +146,29 @@ class Planner:
 
         The trajectory takes at least `at_least_s` longer than the fastest one.
         """
-        front = self.basis.front
-        if front is None:
+        if self.front is None:
             return self._cautious(state)
         least_s = least_time_s(self.section, state.s_m, state.v_mps)
         left_s = max(goal.aimed_s(state.now_ns), least_s + at_least_s if at_least_s else 1e-3)
-        free = front.trajectory(min(left_s, LONGEST_RATIO * least_s), state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
-        window = self._window(free, state, goal.passing)
-        if window is None or self.basis.passing is None:
+        longest_s = LONGEST_RATIO * least_s
+        free = self.front.trajectory(min(left_s, longest_s), state.s_m, state.v_mps, tolerance_s=TOLERANCE_S)
+        point = goal.passing
+        if point is None or self.passing is None or state.s_m >= point.s_m - PASSED_M:
             return free
-        return planned(self.basis.passing, replace(window, left_s=left_s)).solution(state.s_m, state.v_mps, left_s)
-
-    def _window(self, free: Solution, state: TrainState, point: PassingTarget | None) -> Wanted | None:
-        """The window in which the train is to pass the point ahead.
-
-        None if there is no point ahead, or if `free`, the optimum without the window, keeps the window already.
-        """
-        if point is None or state.s_m >= point.s_m - PASSED_M:
-            return None
-        wanted, free_s = Wanted(s_m=state.s_m, v_mps=state.v_mps, left_s=0.0, point_m=point.s_m), passed_s(free, point)
-        window = point.window(state.now_ns)
+        window, free_s = point.window(state.now_ns), passed_s(free, point)
         # A driver ahead of the plan by this time still counts as following it.
         earliest_s = window.earliest_s + TIME_BAND_S
-        if free_s < earliest_s:
-            return replace(wanted, window=Window(earliest_s=earliest_s))
-        return replace(wanted, window=Window(latest_s=window.latest_s)) if free_s > window.latest_s else None
+        if earliest_s <= free_s <= window.latest_s:
+            return free
+        window = Window(earliest_s=earliest_s) if free_s < earliest_s else Window(latest_s=window.latest_s)
+        wanted = Wanted(s_m=state.s_m, v_mps=state.v_mps, left_s=left_s, point_m=point.s_m, window=window)
+        return planned(self.passing, wanted).solution(state.s_m, state.v_mps, left_s)
 
     def _cautious(self, state: TrainState) -> Solution:
         """The trajectory of the previous plan, slowed to what is safe now; the fastest one if there is no such plan."""
-        before = self.basis.before
-        if before is not None:
+        if self.before is not None:
             try:
-                speeds_w = np.interp(self.section.node_m, before.solution.trajectory.s_m, before.speed_w)
+                speeds_w = np.interp(self.section.node_m, self.before.solution.trajectory.s_m, self.before.speed_w)
                 return fastest(capped(self.section, np.sqrt(speeds_w)), state.s_m, state.v_mps)
             except DasError:
                 pass  # At the speeds of the previous plan the train would stall on a hill.

@@ -6,8 +6,6 @@ import math
 from enum import IntEnum, StrEnum
 from typing import Final
 
-import numpy as np
-
 
 class Regime(IntEnum):
     """A driving mode: what to do with the controller. The numbers are those of the bus message."""
@@ -47,9 +45,6 @@ KIND_OF: Final[dict[int, InstructionKind]] = {
 """The kind of each mode that is an instruction for a moving train."""
 FULL_RATIO: Final = 0.97
 """Share of the largest effort from which an effort shown by the guide counts as full."""
-
-ROLLING = np.array([Regime.REDUCED_TRACTION, Regime.COAST], dtype=np.int64)
-"""Modes that count as cruising if they lie between two stretches of cruising and the speed hardly changes."""
 
 
 def departure_regime(effort_ratio: float) -> Regime:

@@ -33,8 +33,6 @@ UNSTAMPED: Final = (
 
 def withdrawal(why: Withdrawal) -> str:
     """The text that explains why there is no advice."""
-    if why.problem is not None:
-        return problem(why.problem)
     texts = {
         Cause.TWO_PUBLISHERS: f"two publishers of the position: {why.text}" if why.text else UNSTAMPED,
         Cause.TWO_OPERATORS: f"two publishers send different restrictions: {why.text}",
@@ -42,11 +40,8 @@ def withdrawal(why: Withdrawal) -> str:
         Cause.RESTRICTIONS_UNTOLD: RESTRICTIONS_UNTOLD,
         Cause.JOURNEY_REFUSED: f"journey refused: {why.text}",
         Cause.NO_JOURNEY: "no journey yet",
-        Cause.OUTSIDE_SECTION: f"position {why.position_m:.0f} m is outside the section "
-        f"{why.section_m[0]:.0f} … {why.section_m[1]:.0f} m",
         Cause.MOVING_UP: "moving up to the stop",
         Cause.TWO_NODES: f"another node advises this train as well: {why.text}",
-        Cause.PAST_STOP: f"ran {why.position_m:.0f} m past the stop",
         Cause.STANDS_ON_LINE: "the train stands on the line",
         Cause.DRIVER_BRAKES: "the driver brakes against the advice",
     }
@@ -101,7 +96,7 @@ ARRIVAL_STEP_S: Final = 5.0
 
 
 class _Words(NamedTuple):
-    """The words of a language. `late`, `early`, `arrives_late` and `arrives_early` are templates with `{seconds}`.
+    """The words of a language. `late` and `early` are templates with `{seconds}`, `arrives` is one with `{deviation}`.
 
     The templates of `reasons` may contain the limit or speed (`kmh`), the place (`km`), the time of day (`clock`), how
     late the train is (`deviation`), the stop with its preposition (`at_stop`), and the reason's own `text`, or
@@ -116,8 +111,7 @@ class _Words(NamedTuple):
     on_time: str
     late: str
     early: str
-    arrives_late: str
-    arrives_early: str
+    arrives: str
     top_speed: str
 
 
@@ -149,8 +143,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         on_time="on time",
         late="{seconds} s late",
         early="{seconds} s early",
-        arrives_late="arrives {seconds} s late",
-        arrives_early="arrives {seconds} s early",
+        arrives="arrives {deviation}",
         top_speed="top speed {speed}",
     ),
     Language.DE: _Words(
@@ -191,8 +184,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         on_time="pünktlich",
         late="{seconds} s verspätet",
         early="{seconds} s zu früh",
-        arrives_late="Ankunft {seconds} s verspätet",
-        arrives_early="Ankunft {seconds} s zu früh",
+        arrives="Ankunft {deviation}",
         top_speed="Höchstgeschwindigkeit {speed}",
     ),
     Language.FR: _Words(
@@ -233,8 +225,7 @@ _WORDS: Final[Mapping[Language, _Words]] = {
         on_time="à l'heure",
         late="{seconds} s de retard",
         early="{seconds} s d'avance",
-        arrives_late="arrivée avec {seconds} s de retard",
-        arrives_early="arrivée avec {seconds} s d'avance",
+        arrives="arrivée avec {deviation}",
         top_speed="vitesse maximale {speed}",
     ),
 }
@@ -258,15 +249,10 @@ def words(reason: Reason, language: Language = Language.EN, zone: tzinfo = UTC) 
         text=reason.text,
         because=f" ({reason.text})" if reason.text else "",
     )
-    return ", ".join(filter(None, (text, _arrival(reason.late_s, said) if reason.code in _WITH_ARRIVAL else "")))
-
-
-def _arrival(late_s: float, said: _Words) -> str:
-    """The lateness or earliness of an arrival in words; empty if it is unknown or small."""
-    steps = round(late_s / ARRIVAL_STEP_S) if math.isfinite(late_s) else 0
-    if not steps:
-        return ""
-    return (said.arrives_late if steps > 0 else said.arrives_early).format(seconds=f"{abs(steps) * ARRIVAL_STEP_S:.0f}")
+    states_arrival = reason.code in _WITH_ARRIVAL and math.isfinite(reason.late_s)
+    steps = round(reason.late_s / ARRIVAL_STEP_S) if states_arrival else 0
+    arrival = said.arrives.format(deviation=deviation(steps * ARRIVAL_STEP_S, language)) if steps else ""
+    return ", ".join(filter(None, (text, arrival)))
 
 
 def deviation(late_s: float, language: Language = Language.EN) -> str:

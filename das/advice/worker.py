@@ -1,42 +1,31 @@
-"""A worker for long computations: in a background thread, so that advice continues meanwhile, or immediately."""
+"""Executors for long computations: in a background thread, so that advice continues meanwhile, or immediately."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import ParamSpec, TypeVar
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
-class Worker:
-    """Executes one piece of work after the other.
+class _AtOnce(Executor):
+    """Does all work in the calling thread."""
 
-    With `background` a thread called `name` does the work until `close`. Otherwise `submit` returns only when the work
-    is done, so that the same inputs always give the same results.
-    """
-
-    def __init__(self, name: str = "worker", *, background: bool = False) -> None:
-        self._pool = ThreadPoolExecutor(1, name) if background else None
-        self.in_background = background
-        """Whether the work is done in a background thread."""
-
-    def submit(self, work: Callable[[], T]) -> Future[T]:
-        """Submit work; the future holds its result, or the exception that it raised."""
-        if self._pool is not None:
-            return self._pool.submit(work)
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         answer: Future[T] = Future()
         try:
-            answer.set_result(work())
+            answer.set_result(fn(*args, **kwargs))
         except Exception as error:
             answer.set_exception(error)
         return answer
 
-    def close(self) -> None:
-        """End the thread after its present work; work still waiting is cancelled."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+
+AT_ONCE = _AtOnce()
+"""An executor without a thread: work is done when `submit` returns, so that the same inputs give the same results."""
 
 
-AT_ONCE = Worker()
-"""A worker without a thread: all work is done when `submit` returns."""
+def worker(name: str, *, background: bool) -> Executor:
+    """An executor that does one piece of work after the other: in a thread called `name`, or `AT_ONCE`."""
+    return ThreadPoolExecutor(1, name) if background else AT_ONCE

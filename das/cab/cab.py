@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from das.advice import wording
-from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
+from das.advice.advice import Advice, Cause, Timetable, Withdrawal
 from das.advice.guide.guide import Guide
 from das.advice.last_word import BrakingBasis, LastWord
-from das.advice.planner import PlanBasis
+from das.advice.planner import Planner
 from das.advice.quiet import Quiet
 from das.advice.reason import Reason
 from das.advice.regimes import Regime
@@ -45,6 +45,7 @@ from das.domain.units import NS
 from das.estimate.calibration import Calibrator
 from das.estimate.estimate import Estimate, PositionFix
 from das.estimate.localisation import Localisation
+from das.solver.front import Front
 from das.solver.guide.policies import GuideFront
 from das.solver.section import Section
 from das.solver.warm_up import warm_up as solve_tiny
@@ -346,15 +347,14 @@ class Cab:
 def warm_up() -> None:
     """Run planner, guide and last word on a tiny section, under way and braking for the stop."""
     front = solve_tiny()
-    warm_up_advice(front.section, PlanBasis(section=front.section, front=front, source=Source.SOLVED))
+    warm_up_advice(front.section, front)
 
 
-def warm_up_advice(section: Section, planned: PlanBasis | None = None) -> None:
-    """Run guide, planner and last word on a tiny section of 400 m; plans use the given basis, or none."""
+def warm_up_advice(section: Section, front: Front | None = None) -> None:
+    """Run guide, planner and last word on a tiny section of 400 m; plans use the given front, or none."""
     start, end = Stop(name="A", position_m=section.start_m), Stop(name="B", position_m=section.end_m)
     leg = Leg(start, end, section, Guide(section, None))
-    if planned is not None:
-        leg.use(planned)
+    leg.use(Planner(section, front))
     leg.use_guide(GuideFront(section))
     leg.set_timetable(Timetable(departure_ns=0, arrival_ns=round(60.0 / NS)))
     vehicle = section.vehicle

@@ -13,7 +13,7 @@ from das.advice.display import Display, Scene
 from das.advice.goal import AT_END_M, AT_STOP_M, Goal, PassingTarget, SpeedsAllowed, TrainState, is_too_fast
 from das.advice.guide.guard import STEP_RATIO
 from das.advice.guide.guide import Guide
-from das.advice.planner import PlanBasis, Planner
+from das.advice.planner import Planner
 from das.advice.reason import Reason, ReasonCode
 from das.cab.heard import Target
 from das.domain.errors import DasError
@@ -43,7 +43,7 @@ class Leg:
         self.start, self.end = start, end
         self.section = section
         """The section with which the leg is planned now."""
-        self.planner, self.display = Planner(PlanBasis(section=section)), Display()
+        self.planner, self.display = Planner(section), Display()
         self.guide = guide
         """The guide of the section; None: the train is advised without one."""
         self.arrival_ns: int | None = None
@@ -63,9 +63,9 @@ class Leg:
         """Whether the train has stood clearly short of the leg's first stop, and has not reached it yet."""
         self._too_fast = False
 
-    def use(self, basis: PlanBasis) -> None:
-        """Plan with another basis from now on."""
-        self.planner, self.section = Planner(basis), basis.section
+    def use(self, planner: Planner) -> None:
+        """Plan with another planner from now on."""
+        self.planner, self.section = planner, planner.section
         self.use_guide(None)
 
     def use_guide(self, front: GuideFront | None) -> None:
@@ -75,7 +75,7 @@ class Leg:
 
     def use_meanwhile(self, section: Section) -> None:
         """Plan for a changed section without a front yet: the last plan applies, capped by the speeds safe now."""
-        self.use(PlanBasis(section=section, before=self.planner.plan or self.planner.basis.before))
+        self.use(Planner(section, before=self.planner.plan or self.planner.before))
 
     def set_timetable(self, timetable: Timetable, *, counts: bool = True) -> None:
         """Take over a timetable, and whether being on time counts at its end; raises DasError if it leaves no time."""

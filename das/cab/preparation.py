@@ -18,12 +18,11 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from das.advice.advice import Source
 from das.advice.goal import AT_STOP_M, PassingTarget
 from das.advice.guide.drift import Drift
 from das.advice.guide.guide import Guide
-from das.advice.planner import PlanBasis
-from das.advice.worker import Worker
+from das.advice.planner import Planner
+from das.advice.worker import worker
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
 from das.domain.errors import DasError, RunawayError, raise_interruption
@@ -210,18 +209,15 @@ class Preparation:
         self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool, guide: bool = False
     ) -> None:
         self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
-        self._solver = Worker("solve", background=background)
-        self.guide_worker = Worker("guide", background=background)
-        """Worker for policies and references, for which the advice does not wait."""
+        self.in_background = background
+        """Whether searches run in a separate thread."""
+        self._solver = worker("solve", background=background)
+        self.guide_worker = worker("guide", background=background)
+        """Executor of the work on policies and references, for which the advice does not wait."""
         self._prepared: dict[Leg, _Prepared] = {}
         self._news = [News(text, True) for text in fronts.notes]
         self.solve_s = 0.0
         """The duration of the last search for a front (s)."""
-
-    @property
-    def in_background(self) -> bool:
-        """Whether searches run in a separate thread."""
-        return self._solver.in_background
 
     @property
     def searching(self) -> bool:
@@ -263,13 +259,13 @@ class Preparation:
         self.solve_s = self._stopwatch() - began
         if self._guide:
             guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section))
-            if not self.guide_worker.in_background:
+            if not self.in_background:
                 guide.result()
 
     def close(self) -> None:
         """End the threads and give up what they are solving."""
-        self._solver.close()
-        self.guide_worker.close()
+        for one in (self._solver, self.guide_worker):
+            one.shutdown(cancel_futures=True)
 
     def prepare(self, legs: Sequence[Leg], index: int, situation: Situation, now_ns: int, *, changed: bool) -> None:
         """Prepare the leg of number `index`, on which the train is, and the next one, and no others.
@@ -284,7 +280,7 @@ class Preparation:
                     one.ready = False
                 self._ensure(leg, one, situation, now_ns)
             elif one.ready and i != index - 1:  # far away: its front is dropped
-                leg.use(PlanBasis(section=leg.section))
+                leg.use(Planner(leg.section))
                 one.give_up()
             elif one.searches:
                 one.give_up()
@@ -320,7 +316,7 @@ class Preparation:
         if answer.refusal:
             self._news.append(News(f"target: {answer.refusal}", True))
         section = found.section
-        leg.use(PlanBasis(section=section, front=found, source=Source.SOLVED, passing=answer.passing))
+        leg.use(Planner(section, found, passing=answer.passing))
         why, one.why = one.why, ""
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: solved" + (f" ({why})" if why else "")))
         if self._guide:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from das.advice import wording
 from das.advice.advice import OF_PROBLEM, Cause, Withdrawal
 from das.advice.goal import AT_END_M, AT_STOP_M
 from das.cab.leg import Leg
@@ -90,13 +91,14 @@ def _of_leg(here: Estimate, leg: Leg) -> Withdrawal | None:
     if leg.refusal:
         return Withdrawal(Cause.SECTION_IMPOSSIBLE, leg.refusal)
     if here.problem is not None:
-        return Withdrawal(OF_PROBLEM[here.problem.kind], problem=here.problem)
+        return Withdrawal(OF_PROBLEM[here.problem.kind], wording.problem(here.problem))
     start_m, end_m = leg.section.start_m, leg.section.end_m
     if not start_m - AT_STOP_M <= here.s_m <= end_m + LOST_BEYOND_M:
-        return Withdrawal(Cause.OUTSIDE_SECTION, position_m=here.s_m, section_m=(start_m, end_m))
+        place = f"position {here.s_m:.0f} m is outside the section {start_m:.0f} … {end_m:.0f} m"
+        return Withdrawal(Cause.OUTSIDE_SECTION, place)
     creeps = here.speed_mps >= STANDSTILL_MPS and here.s_m < start_m - AT_END_M
     if creeps and (leg.stood_short or here.time_ns < leg.goal.departure_ns):
         return Withdrawal(Cause.MOVING_UP)
     if here.s_m - end_m > AT_STOP_M:
-        return Withdrawal(Cause.PAST_STOP, position_m=here.s_m - end_m)
+        return Withdrawal(Cause.PAST_STOP, f"ran {here.s_m - end_m:.0f} m past the stop")
     return None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from das.advice import kernels
 from das.advice.braking import AT_MARK_M, BEGINS_MPS
 from das.advice.goal import AT_STOP_M, LONGEST_RATIO, TrainState
-from das.advice.planner import BRAKED_EARLY_S, PlanBasis, Planner
+from das.advice.planner import BRAKED_EARLY_S, Planner
 from das.advice.regimes import TRACTION, InstructionKind, Regime, departure_regime
 from das.advice.shown import OVERSPEED_MPS, steady_step, step_below
 from das.cab.heard import judged
@@ -224,7 +224,7 @@ class SimplerDisplay:
     """The content of a display with one top speed or with four modes on one section, second by second."""
 
     def __init__(self, section: Section) -> None:
-        self.section, self._planner = section, Planner(PlanBasis(section=section))
+        self.section, self._planner = section, Planner(section)
         self._reduced = ReducedSpeed(section)
 
     def look(self, advice: Any, departure_ns: int, arrival_ns: int) -> SimplerLook:

@@ -146,8 +146,8 @@ def check_horizon(advice: Advice, allowed: Allowed) -> None:
         assert after <= allowed.highest(at_m, at_m) + SLACK_MPS
 
 
-def asked(front: Front, source: Source, s_m: float, v_mps: float, arrival_s: float, now_s: float = 0.0) -> OneSection:
-    advisor = OneSection(front, source)
+def asked(front: Front, s_m: float, v_mps: float, arrival_s: float, now_s: float = 0.0) -> OneSection:
+    advisor = OneSection(front)
     advisor.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))
     advisor.set_position(PositionFix(time_ns=ns(now_s), s_m=s_m, speed_mps=v_mps))
     return advisor
@@ -171,13 +171,13 @@ def test_no_advice_is_above_limit_or_brake_curve(states: range) -> None:
         front = front_of(section)
         for _ in range(STATES_OF_A_WORLD):
             s_m, v_mps, left_s = drawn(random, section)
-            advice = asked(front, Source.SOLVED, s_m, v_mps, left_s).update(ns(0))
+            advice = asked(front, s_m, v_mps, left_s).update(ns(0))
             assert advice.mode is not Regime.NONE, advice.reason
             check(advice, look_at(section, advice, left_s), allowed, v_mps)
             given += 1
             if restrictions and given % 5 == 0:
                 # Told while the plan of the free line holds; the front is not there yet.
-                advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
+                advisor = asked(free, s_m, v_mps, left_s)
                 advisor.update(ns(0))
                 advisor.set_section(section)
                 meanwhile = advisor.update(ns(0))
@@ -196,12 +196,12 @@ def test_following_the_advice_arrives_and_never_above_what_is_allowed(states: ra
         section, allowed = section_of(restrictions), Allowed(restrictions)
         s_m, v_mps, left_s = drawn(random, section)
         v_mps = min(v_mps, 0.999 * float(np.interp(s_m, section.node_m, section.envelope_mps)))
-        advisor = asked(free, Source.SOLVED, s_m, v_mps, left_s)
+        advisor = asked(free, s_m, v_mps, left_s)
         for second in range(4000):
             if second == 1:
                 advisor.set_section(section)
             if second == 4:
-                advisor.set_front(front_of(section), Source.SOLVED)
+                advisor.set_front(front_of(section))
             advisor.set_position(PositionFix(time_ns=ns(second), s_m=s_m, speed_mps=v_mps))
             advice = advisor.update(ns(second))
             assert advice.mode is not Regime.NONE, advice.reason
@@ -230,8 +230,8 @@ def test_advice_is_continuous_in_what_is_heard(restrictions: tuple[Restriction, 
     for _ in range(min(STATES // 10, 2000)):
         s_m, v_mps, left_s = drawn(random, section)
         v_mps = min(v_mps, 0.99 * float(np.interp(s_m, section.node_m, section.envelope_mps)))
-        here = asked(front, Source.SOLVED, s_m, v_mps, left_s).update(ns(0))
-        there = asked(front, Source.SOLVED, s_m + 0.2, v_mps + 0.005, left_s - 0.02).update(ns(0))
+        here = asked(front, s_m, v_mps, left_s).update(ns(0))
+        there = asked(front, s_m + 0.2, v_mps + 0.005, left_s - 0.02).update(ns(0))
         assert abs(here.advised_speed_mps - there.advised_speed_mps) <= 0.05
         jumps.append(max(abs(a - b) for a, b in zip(here.horizon_speed_mps, there.horizon_speed_mps, strict=True)))
     assert np.percentile(jumps, 98) <= 0.1
@@ -257,7 +257,7 @@ def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int
     for _ in range(20):
         s_m = start_m + float(random.uniform(-600.0, 140.0))
         v_mps = float(np.interp(s_m, section.node_m, section.allowed_mps)) + float(random.uniform(1.0, 12.0))
-        advice = asked(front, Source.SOLVED, s_m, v_mps, 400.0).update(ns(0))
+        advice = asked(front, s_m, v_mps, 400.0).update(ns(0))
         assert advice.reason.code is ReasonCode.TOO_FAST
         check_horizon(advice, allowed)
 
@@ -266,7 +266,7 @@ def test_a_train_that_is_too_fast_has_no_horizon_above_a_limit_ahead(number: int
 def test_at_the_stop_the_horizon_is_to_stand(beyond_m: float) -> None:
     section = section_of(())
     for v_mps in (0.4, 1.0, 3.0, 8.0):
-        advice = asked(front_of(section), Source.SOLVED, END_M + beyond_m, v_mps, 400.0).update(ns(0))
+        advice = asked(front_of(section), END_M + beyond_m, v_mps, 400.0).update(ns(0))
         assert advice.reason.code is ReasonCode.STOP
         assert max(advice.horizon_speed_mps[1:]) == pytest.approx(0.0, abs=1e-9 if beyond_m >= 0 else 0.1)
         check_horizon(advice, Allowed(()))

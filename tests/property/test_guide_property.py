@@ -15,7 +15,7 @@ from das.advice.advice import Advice, Guidance, ReplanCause, Timetable
 from das.advice.goal import AT_END_M, PassingTarget
 from das.advice.guide.guard import BRAKED_MPS
 from das.advice.guide.guide import Guide
-from das.advice.planner import PlanBasis
+from das.advice.planner import Planner
 from das.advice.regimes import BRAKES, TRACTION, Regime, departure_regime
 from das.advice.shown import OVERSPEED_MPS
 from das.cab.leg import Leg
@@ -59,14 +59,13 @@ class World:
         self.limits = route.with_restrictions(restrictions).limits_mps
         situation = Situation(route=route, vehicle=TRAIN, restrictions=tuple(restrictions))
         self.section = situation.section(self.start_m, self.end_m)
-        front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
-        self.basis = PlanBasis(section=self.section, front=front)
+        self.front = solve_front(self.section, threads=1, lambda_w=onboard_ladder(self.section))
         self.guide = GuideFront(self.section)
 
     def leg(self) -> Leg:
         """A leg with a guide, with a random time left, and in every third case with a window at a point."""
         leg = Leg(self.start, self.end, self.section, Guide(self.section, None))
-        leg.use(self.basis)
+        leg.use(Planner(self.section, self.front))
         leg.use_guide(self.guide)
         arrival_s = float((self.end_m - self.start_m) / 25.0 * self.random.uniform(0.2, 3.0))
         leg.set_timetable(Timetable(departure_ns=ns(-5000), arrival_ns=ns(arrival_s)))

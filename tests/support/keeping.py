@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from copy import deepcopy
 from functools import cache
 
@@ -10,7 +11,7 @@ import numpy as np
 from das.advice.goal import Goal, TrainState
 from das.advice.guide.drift import UsualLoss
 from das.advice.guide.keeping import Keeper, Kept
-from das.advice.worker import AT_ONCE, Worker
+from das.advice.worker import AT_ONCE
 from das.solver.guide.policies import GuideFront
 from das.solver.guide.schedule import Prospect
 from das.solver.section import Section
@@ -23,7 +24,7 @@ class _NoLoss(UsualLoss):
         return 0.0
 
 
-def sure(section: Section, front: GuideFront | None, worker: Worker = AT_ONCE) -> Keeper:
+def sure(section: Section, front: GuideFront | None, worker: Executor = AT_ONCE) -> Keeper:
     """A keeper whose drivers lose no time; its references have no reserve."""
     keeper = Keeper(section, front, worker)
     keeper._usual = _NoLoss(section)

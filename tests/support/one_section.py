@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from das.advice.advice import Advice, Source, Timetable
+from das.advice.advice import Advice, Timetable
 from das.advice.plan import Plan
-from das.advice.planner import PlanBasis
+from das.advice.planner import Planner
 from das.cab.leg import Leg, NoPlanError
 from das.cab.withdrawal import Trust, decide
 from das.domain.route import Stop
@@ -17,19 +17,19 @@ from tests.support.fixes import believing
 class OneSection:
     """A leg, and the position of the train on it."""
 
-    def __init__(self, front: Front, source: Source = Source.SOLVED) -> None:
+    def __init__(self, front: Front) -> None:
         section = front.section
         start, end = Stop(name="start", position_m=section.start_m), Stop(name="end", position_m=section.end_m)
         self.leg = Leg(start, end, section)
         self.localisation = believing(section.vehicle)
-        self.set_front(front, source)
+        self.set_front(front)
 
     @property
     def plan(self) -> Plan | None:
         return self.leg.planner.plan
 
-    def set_front(self, front: Front, source: Source) -> None:
-        self.leg.use(PlanBasis(section=front.section, front=front, source=source))
+    def set_front(self, front: Front) -> None:
+        self.leg.use(Planner(front.section, front))
 
     def set_section(self, section: Section) -> None:
         self.leg.use_meanwhile(section)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import takewhile
 
@@ -18,7 +19,7 @@ from das.advice.guide.showing import Showing
 from das.advice.reason import NO_REASON, Reason, ReasonCode
 from das.advice.regimes import BRAKES, KIND_OF, TRACTION, Regime
 from das.advice.shown import SPEED_STEP_MPS, STOP_BY_EYE_M, TARGET_STEP_MPS, as_read
-from das.advice.worker import AT_ONCE, Worker
+from das.advice.worker import AT_ONCE
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.route import Route
@@ -49,7 +50,7 @@ class Guide:
     """Leads a driver along one section, by instructions that follow a reference (standing plan) made by a `worker`."""
 
     def __init__(
-        self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
+        self, section: Section, front: GuideFront | None, worker: Executor = AT_ONCE, drift: Drift | None = None
     ) -> None:
         self._section, self._worker = section, worker
         self._ahead_of_train = BrakingAhead.of(section)
@@ -135,10 +136,10 @@ class Guide:
             return Reason(code=ReasonCode.TOO_FAST, speed_mps=state.v_mps - place.allowed_mps)
         ahead = self._standing_reason(now, self._ahead(kept, now, state), state)
         point = goal.passing
-        if not ahead and point is not None and goal.waits(state):
+        time_ns = 0 if point is None else point.earliest_ns or 0
+        if not ahead and point is not None and point.s_m > state.s_m and time_ns > state.now_ns:
             earliest_s = point.window(state.now_ns).earliest_s
             if kept.forecast.passes_s(point.s_m) - earliest_s < SAID_LATE_S:  # The reference slows the train for it.
-                time_ns = point.earliest_ns or 0
                 return Reason(code=ReasonCode.POINT_EARLIEST, at_m=point.s_m, time_ns=time_ns, text=point.reason)
         ahead = ahead or self._new_restriction(kept.reference.replan, state)
         late_s = self._said_arrival_s(kept, state, goal)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from dataclasses import astuple, dataclass, replace
 from typing import Final, NamedTuple
 
@@ -12,7 +12,7 @@ from das.advice.goal import AT_STOP_M, Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
 from das.advice.guide.planning import KEPT_S, Wanted, departing, planned
 from das.advice.guide.timeline import COAST_LEAD_S
-from das.advice.worker import AT_ONCE, Worker
+from das.advice.worker import AT_ONCE
 from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
 from das.domain.units import NS
@@ -115,7 +115,7 @@ class Keeper:
     """Keeps the reference of a section, and lets the worker compute a new one if there is a reason."""
 
     def __init__(
-        self, section: Section, front: GuideFront | None, worker: Worker = AT_ONCE, drift: Drift | None = None
+        self, section: Section, front: GuideFront | None, worker: Executor = AT_ONCE, drift: Drift | None = None
     ) -> None:
         self._section, self._front, self._worker = section, front, worker
         self.reference: StandingReference | None = None

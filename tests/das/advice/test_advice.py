@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from das.advice.advice import Advice, Cause, Source, Timetable, Withdrawal
 from das.advice.display import Display
 from das.advice.goal import UNHURRIED_S
-from das.advice.kernels import interval, without_ripples
-from das.advice.plan import IDLE_EFFORT_RATIO, RIPPLE_MPS, Plan, classify_modes, without_short
+from das.advice.kernels import interval, without_ripples, without_short
+from das.advice.plan import HOLD_S, IDLE_EFFORT_RATIO, RIPPLE_MPS, Plan, classify_modes
 from das.advice.reason import ReasonCode
-from das.advice.regimes import ROLLING, Regime
+from das.advice.regimes import Regime
 from das.advice.wording import words
 from das.domain.errors import DasError
 from das.domain.files.load import load_route, load_vehicle
@@ -451,7 +451,7 @@ def test_above_the_end_of_the_loss_map_it_says_brake(front: Front) -> None:
 def test_modes_too_short_to_follow_are_left_out() -> None:
     modes = np.array([4, 4, 2, 4, 4, 6, 4, 4, 2, 2])
     t_s = np.cumsum([0.0, 5, 5, 1, 5, 5, 1, 5, 5, 2, 2])
-    assert without_short(modes, t_s).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
+    assert without_short(modes, t_s, HOLD_S).tolist() == [4, 4, 4, 4, 4, 6, 4, 4, 2, 2]
 
 
 def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> None:
@@ -465,7 +465,7 @@ def test_who_keeps_his_speed_between_two_stretches_of_cruising_is_cruising() -> 
         ([cruise, pull, cruise, pull, cruise], [20.0, 20.0, 20.5, 20.5, 21.0, 21.0], [cruise] * 5),
     ]
     for modes, v_mps, expected in cases:
-        found = without_ripples(np.array(modes, dtype=np.int64), np.array(v_mps), int(cruise), ROLLING, RIPPLE_MPS)
+        found = without_ripples(np.array(modes, dtype=np.int64), np.array(v_mps), RIPPLE_MPS)
         assert found.tolist() == expected
 
 

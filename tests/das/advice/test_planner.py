@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from das.advice.display import braked_enough, kept_behind
-from das.advice.goal import Goal, TrainState
-from das.advice.planner import PlanBasis, Planner
+from das.advice.display import Scene, braked_enough, kept_behind
+from das.advice.goal import Goal, SpeedsAllowed, TrainState
+from das.advice.planner import Planner
 from das.advice.regimes import Regime
 from das.advice.shown import OVERSPEED_MPS
 from das.domain.braking import USUAL
+from das.estimate.estimate import Estimate
 from das.solver.section import SectionOptions, build_section
 from das.solver.solve import solve_front
 from das.solver.state import least_time_s
@@ -19,9 +20,13 @@ from tests.support.small_trips import TRAIN
 
 END_M = 8000.0
 OPTIONS = SectionOptions(braking=USUAL.of(TRAIN), point_mass=True)
-PLANNER = Planner(
-    PlanBasis(section=build_section(make_route(END_M, [(0.0, 30.0), (4000.0, 15.0)]), TRAIN, options=OPTIONS))
-)
+PLANNER = Planner(build_section(make_route(END_M, [(0.0, 30.0), (4000.0, 15.0)]), TRAIN, options=OPTIONS))
+
+
+def scene_of(state: TrainState, planner: Planner = PLANNER) -> Scene:
+    """What the display sees of a train in a state."""
+    place = SpeedsAllowed(planner.allowed_for(state), planner.limit_mps(state.s_m))
+    return Scene(state, Estimate(time_ns=state.now_ns), planner, Goal(), place)
 
 
 def test_the_end_of_the_section_is_a_stop() -> None:
@@ -61,7 +66,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
     s_m, v_mps = 3996.0, 15.0 + over_mps
     state, ahead = TrainState(0, s_m, v_mps), PLANNER.ahead
     assert not ahead.is_due(s_m, v_mps)
-    _, force_n = braked_enough(Regime.CRUISE, 0.0, state, PLANNER, v_mps, too_fast=True)
+    _, force_n = braked_enough(Regime.CRUISE, 0.0, scene_of(state), v_mps)
     most_n = ahead.force_n(ahead.largest(s_m, v_mps), s_m, v_mps)
     assert (force_n == pytest.approx(most_n, rel=0.01)) is brakes_fully
 
@@ -69,7 +74,7 @@ def test_a_train_too_fast_where_a_lower_limit_is_about_to_begin_needs_all_brakes
 def test_a_train_near_its_limit_is_shown_no_more_traction_than_a_driver_can_cut_off_in_time() -> None:
     """The next advice comes in 1 s, and a driver follows it within 2 s: until then 0.5 m/s may be gained."""
     state, section = TrainState(0, 1000.0, 29.5), PLANNER.section
-    mode, force_n = braked_enough(Regime.FULL_TRACTION, 50e3, state, PLANNER, 29.5, too_fast=False)
+    mode, force_n = braked_enough(Regime.FULL_TRACTION, 50e3, scene_of(state), 29.5)
     gained_mps2 = (force_n - section.resistance_n(1000.0, 29.5)) / section.train.inertial_mass_kg
     assert (mode, 3.0 * gained_mps2) == (Regime.FULL_TRACTION, pytest.approx(0.5))
 
@@ -77,15 +82,15 @@ def test_a_train_near_its_limit_is_shown_no_more_traction_than_a_driver_can_cut_
 def test_a_train_that_rolls_above_its_limit_on_a_descent_is_braked_back_to_it() -> None:
     """It is 1 km/h above the limit, which is not yet too fast, and coasting would add to that."""
     descent = build_section(make_route(END_M, [(0.0, 30.0)], [(0.0, -0.02)]), TRAIN, options=OPTIONS)
-    planner = Planner(PlanBasis(section=descent))
+    planner = Planner(descent)
     for v_mps, brakes in ((30.3, True), (29.9, False)):
-        found = braked_enough(Regime.COAST, 0.0, TrainState(0, 3000.0, v_mps), planner, v_mps, too_fast=False)
+        found = braked_enough(Regime.COAST, 0.0, scene_of(TrainState(0, 3000.0, v_mps), planner), v_mps)
         assert (found[0] is Regime.REDUCED_BRAKE, found[1] < 0.0) == (brakes, brakes)
 
 
 def test_a_late_driver_who_brakes_as_planned_has_not_braked_early() -> None:
     """A plan that is too old is followed by one that arrives as soon as the train can, not 5 s later."""
-    planner, late = Planner(PlanBasis(section=PLANNER.section, front=solve_front(PLANNER.section))), Goal(due_ns=1)
+    planner, late = Planner(PLANNER.section, solve_front(PLANNER.section)), Goal(due_ns=1)
     first = planner.plan_for(TrainState(0, 1500.0, 28.0), late)
     here = first.at(3850.0)
     assert first.speed_w[here.interval] > first.speed_w[here.interval + 1], "it brakes for 15 m/s"

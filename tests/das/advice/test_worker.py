@@ -1,4 +1,4 @@
-"""The worker: it works at once or in a background thread, and the future holds the exception if the work fails."""
+"""The executors: they work at once or in a background thread, and the future holds the exception if the work fails."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from das.advice.worker import AT_ONCE, Worker
+from das.advice.worker import AT_ONCE, worker
 
 
 def fail() -> int:
@@ -17,22 +17,22 @@ def test_at_once_means_before_submit_returns() -> None:
     answer = AT_ONCE.submit(threading.get_ident)
     assert answer.done()
     assert answer.result() == threading.get_ident()
-    assert not AT_ONCE.in_background
+    assert worker("test", background=False) is AT_ONCE
     with pytest.raises(ValueError, match="broken"):
         AT_ONCE.submit(fail).result()
-    AT_ONCE.close()
+    AT_ONCE.shutdown()
+    assert AT_ONCE.submit(int).done()
 
 
 def test_in_the_background_nobody_waits_and_what_waits_is_given_up_at_the_end() -> None:
-    worker, go = Worker("test", background=True), threading.Event()
-    first, second = worker.submit(go.wait), worker.submit(threading.get_ident)
+    one, go = worker("test", background=True), threading.Event()
+    first, second = one.submit(go.wait), one.submit(threading.get_ident)
     assert not first.done()
     second.cancel()
     go.set()
     assert first.result(timeout=30)
-    third = worker.submit(fail)
+    third = one.submit(fail)
     with pytest.raises(ValueError, match="broken"):
         third.result(timeout=30)
-    worker.close()
-    assert worker.in_background
+    one.shutdown(cancel_futures=True)
     assert second.cancelled()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from das.advice.planner import PlanBasis, Planner
+from das.advice.planner import Planner
 from das.cab.situation import Situation
 from das.domain.conditions import Conditions
 from das.domain.files.load import load_route, load_vehicle
@@ -22,7 +22,7 @@ def test_the_braking_curve_never_rises(mass: float, resistance: float) -> None:
     found = replace(PLANNED, conditions=Conditions(mass_ratio=mass, resistance_ratio=resistance))
     planned, calibrated = PLANNED.section(0.0, 12e3), found.section(0.0, 12e3)
     at_m = np.arange(0.0, 12e3, 1.0)
-    before, after = (Planner(PlanBasis(section=one)) for one in (planned, calibrated))
+    before, after = (Planner(one) for one in (planned, calibrated))
     # Curves between nodes of two grids differ by a little, most where a limit ends.
     allowed, curve = ([one.allowed_mps(s_m) for s_m in at_m] for one in (before, after))
     assert all(curve[i] <= max(allowed[i : i + 3]) + 0.02 for i in range(len(at_m)))

@@ -321,8 +321,8 @@ def test_the_next_section_is_ready_before_the_stop_and_those_far_off_are_let_go(
     made = trip()
     at(made, 60, 1500.0, 24.0)
     _, second = made.legs.legs
-    assert second.planner.basis.front is not None
-    assert len(second.planner.basis.front.lambda_w) > 10
+    assert second.planner.front is not None
+    assert len(second.planner.front.lambda_w) > 10
     at(made, 400, 6000.0, 24.0)
     assert made.leg is second
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from das.advice import wording
-from das.advice.advice import OF_PROBLEM, Advice, Cause, Withdrawal
+from das.advice.advice import OF_PROBLEM, Advice, Cause
 from das.advice.goal import Goal
 from das.cab.outputs import Event, Reporting, Severity
 from das.cab.withdrawal import Trust, decide
@@ -126,7 +126,9 @@ def test_every_problem_of_a_position_has_words_with_its_figure_and_a_cause(kind:
     """The words hold the figure where the kind has one: 36 m, 36 s, or 36 m/s as 130 km/h."""
     words = wording.problem(Problem(kind, 36.0))
     assert ("36" in words or "130" in words or "129.6" in words) == (kind not in WITHOUT_A_FIGURE)
-    assert wording.withdrawal(Withdrawal(OF_PROBLEM[kind], problem=Problem(kind, 36.0))) == words
+    found = decide(replace(HERE, problem=Problem(kind, 36.0)), Trust(), leg_of())
+    assert found is not None
+    assert (found.cause, wording.withdrawal(found)) == (OF_PROBLEM[kind], words)
     assert math.isnan(Problem(kind).value)
     assert kind not in WITHOUT_A_FIGURE or "nan" not in wording.problem(Problem(kind))
 

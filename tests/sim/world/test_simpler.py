@@ -10,7 +10,7 @@ import pytest
 from das.advice.advice import Advice, Timetable
 from das.advice.display import VALID_FOR_S
 from das.advice.goal import LONGEST_RATIO, TrainState
-from das.advice.planner import PlanBasis, Planner
+from das.advice.planner import Planner
 from das.advice.regimes import Regime
 from das.domain.braking import USUAL
 from das.domain.files.load import load_route, load_vehicle
@@ -28,7 +28,7 @@ from tests.support.small_trips import TRAIN
 
 OPTIONS = SectionOptions(braking=USUAL.of(TRAIN), point_mass=True)
 SECTION = build_section(make_route(8_000.0, [(0.0, 30.0), (4_000.0, 15.0)]), TRAIN, options=OPTIONS)
-PLANNER = Planner(PlanBasis(section=SECTION))
+PLANNER = Planner(SECTION)
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Executor, Future
 from dataclasses import replace
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any, ParamSpec, TypeVar
 
 import pytest
 
@@ -16,7 +17,6 @@ from das.advice.guide import keeping
 from das.advice.guide.keeping import EARLY_S, LATE_S, Changes, Keeper, Kept
 from das.advice.guide.planning import Wanted, planned
 from das.advice.guide.showing import Showing
-from das.advice.worker import Worker
 from das.domain.errors import DasError
 from das.domain.restriction import Restriction
 from das.domain.units import NS
@@ -30,6 +30,7 @@ from tests.support.keeping import Keeping, departed, goal_of, keeper_of, ns, sta
 LINE = BUNDLED[2]
 """17 km, the middle section of Zürich–Luzern."""
 BUFFER = 0.15
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -262,16 +263,15 @@ def test_a_restriction_makes_another_reference_which_keeps_to_it() -> None:
     assert not driven(after, Keeping(new.forecast, 51.0), goal, range(52, 200))
 
 
-class PatientWorker(Worker):
+class PatientWorker(Executor):
     """A worker that does its work only when the test calls `finish`."""
 
     def __init__(self) -> None:
-        super().__init__()
         self.waiting: list[tuple[Callable[[], Any], Future[Any]]] = []
 
-    def submit(self, work: Callable[[], T]) -> Future[T]:
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         answer: Future[T] = Future()
-        self.waiting.append((work, answer))
+        self.waiting.append((partial(fn, *args, **kwargs), answer))
         return answer
 
     def finish(self) -> None:
