@@ -7,7 +7,17 @@ from numpy.typing import NDArray
 
 from das.solver.guide.policies import SAME_MPS, GuideFront, GuideRun
 from das.solver.guide.schedule import Phase, PhaseKind, Scheduled, settled
-from das.solver.kernels.guide_policy import CODE, KINDS, MANNERS, NEAR_MPS, ON_CURVE, ROLLS, ROLLS_UP, SHARES
+from das.solver.kernels.guide_policy import (
+    CODE,
+    HOLDS,
+    KINDS,
+    MANNERS,
+    NEAR_MPS,
+    ON_CURVE,
+    ROLLS,
+    ROLLS_UP,
+    SHARES,
+)
 
 HELD_S = 10.0
 """The least time (s) of holding a speed after accelerating to it that is a separate phase."""
@@ -22,14 +32,16 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     """
     state, section = run.state, front.section
     first = len(section.step_m) - len(state.step_m)
-    # Where the train has no brake, the braking curve is that of a coasting train.
-    said = np.where((run.said % CODE == ON_CURVE) & ~section.has_brake[first:], ROLLS, run.said)
+    # Where the motors have no brake, the train coasts, unless a limit requires the friction brake.
+    manner, off = run.said % CODE, (section.supply[first:] < 0.0) & (not section.train.brakes_dissipate)
+    by_motors = (manner > ROLLS) & (manner < HOLDS)
+    said = np.where(off & (by_motors | ((manner == ON_CURVE) & ~section.has_brake[first:])), ROLLS, run.said)
     begins = [0, *(np.flatnonzero(np.diff(said)) + 1).tolist()]
     phases: list[Phase] = []
     for begin, end in zip(begins, [*begins[1:], len(said)], strict=True):
         one = _phase(front, run, int(said[begin]), (begin, end), first)
         before = phases[-1] if phases else None
-        brief = end < len(said) and said[end] == ROLLS and run.speeds_mps[begin] < run.speeds_mps[end] + NEAR_MPS
+        brief = end < len(said) and off[end] and run.speeds_mps[begin] < run.speeds_mps[end] + NEAR_MPS
         coasts = one.kind is PhaseKind.COAST or (one.kind is PhaseKind.BRAKE and brief)
         if before is not None and before.kind is PhaseKind.COAST and coasts:
             phases[-1] = before._replace(target_mps=one.target_mps)
