@@ -24,7 +24,7 @@ from das.domain.levels import Level
 from das.domain.route import Route
 from das.domain.vehicle import Vehicle
 from das.solver.guide import policies
-from das.solver.guide.policies import PolicySettings
+from das.solver.guide.policies import DEFAULT, PolicySettings
 from das.solver.guide.references import Finished, References
 from das.solver.guide.schedule import Phase, PhaseKind
 from das.solver.section import Section
@@ -141,15 +141,15 @@ class Table:
         raise TableError(f"{self.path}: not the table of {section.name}: {why}")
 
 
-def table_content(facts: Mapping[str, Any], key: str, found: Mapping[str, Any], references: References) -> bytes:
-    """The content of a table's file; `found` holds its settings, the least time, and the front."""
+def table_content(section: Section, found: Mapping[str, Any], references: References) -> bytes:
+    """The content of the file of a section's table; `found` holds its settings, the least time, and the front."""
     finished = [
         {**one._asdict(), "phases": [[phase.kind.name.lower(), *phase[1:]] for phase in one.phases]}
         for one in references.finished
     ]
     body = {
         "schema_version": SCHEMA_VERSION, "method": METHOD, "units": "SI: m, s, m/s, J, W",
-        "section": facts, "key": key, **found, "references": finished,
+        "section": section_facts(section), "key": key_of(section, DEFAULT), **found, "references": finished,
     }  # fmt: skip
     return json.dumps({**body, SEAL: seal_of(body)}, ensure_ascii=False, allow_nan=False).encode() + b"\n"
 

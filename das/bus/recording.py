@@ -11,7 +11,6 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
-from google.protobuf.message import Message
 from mcap import records
 from numpy.typing import NDArray
 
@@ -359,15 +358,17 @@ class Recording(Summary):
 
         Raises InputError for a name that no topic or no field has.
         """
-        known = self._topic(topic)
-        names = [one.name for one in known.message.DESCRIPTOR.fields]
-        for name in fields:
-            if name not in names:
-                raise InputError(self.path, f"field of {known.name}", name, f"one of {', '.join(names)}")
-        try:
-            return columns(self.of(known), known.message, fields)
-        except OverflowError as error:
-            raise DasError(f"{self.path}: {known.name}: a number is too large for 64 bits ({error})") from None
+        known, messages = self._topic(topic), self.of(topic)
+        described = {one.name: one for one in known.message.DESCRIPTOR.fields}
+        result: dict[str, NDArray[Any]] = {"log_time_ns": np.array([m.log_time_ns for m in messages], dtype=np.int64)}
+        for name in fields or described:
+            if name not in described:
+                raise InputError(self.path, f"field of {known.name}", name, f"one of {', '.join(described)}")
+            try:
+                result[name] = _column([getattr(one.message, name) for one in messages], described[name])
+            except OverflowError as error:
+                raise DasError(f"{self.path}: {known.name}: a number is too large for 64 bits ({error})") from None
+        return result
 
     def meanings(self, topic: Topic | str, field_name: str) -> dict[int, str]:
         """Names of the values of an enumeration, as `das.proto` has them: {0: "MODE_NONE", …}.
@@ -388,18 +389,6 @@ class Recording(Summary):
             if known.name == topic:
                 return known
         raise InputError(self.path, "topic", topic, f"one of {', '.join(known.name for known in TOPICS)}")
-
-
-def columns(messages: Sequence[Stamped], kind: type[Message], fields: Sequence[str] = ()) -> dict[str, NDArray[Any]]:
-    """Fields of messages of one kind as arrays, as `Recording.columns` describes them (default: all fields).
-
-    Empty arrays keep their type. Raises KeyError for an unknown field, OverflowError for a number beyond 64 bits.
-    """
-    known = kind.DESCRIPTOR.fields_by_name
-    result: dict[str, NDArray[Any]] = {"log_time_ns": np.array([m.log_time_ns for m in messages], dtype=np.int64)}
-    for name in fields or known:
-        result[name] = _column([getattr(one.message, name) for one in messages], known[name])
-    return result
 
 
 def _column(values: list[Any], described: Any) -> NDArray[Any]:

@@ -12,9 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any
 
 import zenoh
@@ -225,7 +223,6 @@ class Bus:
         self._config = file.config(train) if file else locked_down(self.listen, [check_endpoint(x) for x in connect])
         self._place = str(file.path) if file else self.listen or "a session"
         self._inbox, self._presences = Inbox(waiting), Presences()
-        self._stack = ExitStack()
         self._publishers: dict[str, Any] = {}
         self._declared: list[Any] = []
 
@@ -233,7 +230,7 @@ class Bus:
         # With RUST_LOG set, Zenoh reports rejected peers on standard output.
         zenoh.try_init_log_from_env()  # type: ignore[no-untyped-call]
         try:
-            self._session = self._stack.enter_context(zenoh.open(self._config))
+            self._session = zenoh.open(self._config)
         except zenoh.ZError as error:
             raise DasError(f"bus: cannot open {self._place}: {one_line(error)}") from error
         # Read once: a session that is being closed does not answer, while messages may still arrive.
@@ -241,7 +238,7 @@ class Bus:
         try:
             self._subscribe()
         except BaseException:
-            self._stack.close()
+            self.__exit__()
             raise
         return self
 
@@ -264,10 +261,8 @@ class Bus:
                 self._session.declare_subscriber(everything, self._on_ordered, allowed_origin=zenoh.Locality.REMOTE)
             )
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.close()
+    def __exit__(self, *_: object) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, topic: Topic, message: Message) -> None:
         """Send a message reliably; if a receiver is slow, the call waits instead of dropping the message."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import traceback
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from das.advice.reason import Reason
 from das.advice.regimes import Regime
 from das.cab.guard import Guard, off_route
 from das.cab.heard import (
-    ClockSet,
     DelayHeard,
     Heard,
     JourneyHeard,
@@ -56,11 +54,6 @@ LONGEST_REASON = 80
 """Longest reason of a target, or error text (characters); the rest is cut."""
 
 
-def no_stopwatch() -> float:
-    """A stopwatch that always reads 0 s, so that no output depends on how fast the machine is."""
-    return 0.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class CabSettings:
     """The settings of a cab."""
@@ -72,9 +65,10 @@ class CabSettings:
     calibrate: bool = False
     """Whether mass and running resistance are estimated from the measured efforts and used in plans."""
     background: bool = False
-    """Whether fronts are searched for in a separate thread; otherwise each tick waits for the fronts it needs."""
-    stopwatch: Callable[[], float] = no_stopwatch
-    """The clock (s) for the durations in the status: in real time `WALL_STOPWATCH`; by default the durations are 0."""
+    """Whether fronts are searched for in a separate thread, and the status has measured durations.
+
+    Otherwise each tick waits for the fronts it needs, and the durations are 0: no output depends on the machine.
+    """
     guide: bool = False
     """Whether there is a guide; if not, nothing is computed for it."""
 
@@ -88,7 +82,7 @@ class Cab:
 
     def __init__(self, post: Post, situation: Situation, fronts: Fronts, settings: CabSettings | None = None) -> None:
         settings = settings or CabSettings()
-        preparation = Preparation(fronts, settings.stopwatch, background=settings.background, guide=settings.guide)
+        preparation = Preparation(fronts, background=settings.background, guide=settings.guide)
         self.legs = Legs(situation, preparation)
         """The legs of the journey under way."""
         self.here = Estimate(time_ns=0)
@@ -128,7 +122,7 @@ class Cab:
         """End the threads that search for fronts."""
         self.legs.preparation.close()
 
-    def hear(self, message: Heard | PublisherSeen | NodeSeen | ClockSet) -> list[Output]:
+    def hear(self, message: Heard | PublisherSeen | NodeSeen) -> list[Output]:
         """Act on a message, or report why it is ignored.
 
         An unforeseen error is caught, reported, and withdraws the next advice; a crashed cab could do neither.
@@ -136,12 +130,6 @@ class Cab:
         if isinstance(message, NodeSeen):
             self._guard.see_node(message)
             return []
-        if isinstance(message, ClockSet):
-            self._localisation.set_clock(message.step_s)
-            way = f"{'forward' if message.step_s > 0 else 'back'} by {abs(message.step_s):.1f} s"
-            text = f"the clock was set {way}; until the next position, the train may be as far off"
-            self._reporting.complain(message.heard_ns, text)
-            return self._reporting.take()
         if isinstance(message, PublisherSeen):
             waiting = self._guard.see(message)
             return self.hear(dataclasses.replace(waiting, heard_ns=message.heard_ns)) if waiting is not None else []
@@ -161,6 +149,14 @@ class Cab:
         except Exception as error:
             self._lose(kind, error)
         self._news_pending |= kind in (Kind.RESTRICTION, Kind.TARGET)
+        return self._reporting.take()
+
+    def set_clock(self, step_s: float, now_ns: int) -> list[Output]:
+        """Take note that the clock that gives the cab its time was set by `step_s` (s; forwards > 0)."""
+        self._localisation.set_clock(step_s)
+        way = f"{'forward' if step_s > 0 else 'back'} by {abs(step_s):.1f} s"
+        text = f"the clock was set {way}; until the next position, the train may be as far off"
+        self._reporting.complain(now_ns, text)
         return self._reporting.take()
 
     def tick(self, now_ns: int, *, dropped: int = 0) -> list[Output]:
@@ -262,13 +258,13 @@ class Cab:
         return text
 
     def _answer(self, now_ns: int, dropped: int) -> None:
-        began = self._settings.stopwatch()
+        began = self.legs.preparation.stopwatch()
         if self.learning is not None:
             self.learning.tick(now_ns, contested=self._guard.has_rival_efforts(now_ns))
             if conditions := self.learning.due(now_ns):
                 self.legs.set_conditions(conditions)
         advice = self._advise(now_ns)
-        took_s = self._settings.stopwatch() - began
+        took_s = self.legs.preparation.stopwatch() - began
         self._trust = dataclasses.replace(self._trust, internal_error="")
         reporting = self._reporting
         reporting.losses(now_ns, dropped)

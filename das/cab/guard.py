@@ -146,7 +146,6 @@ class Guard:
         positions, operator = self._publishers[Kind.POSITION], self._operators[Kind.RESTRICTION]
         return {
             "two_publishers": positions.contested(now_ns),
-            "unstamped": positions.unstamped(now_ns),
             "two_operators": operator.contradiction(),
             "unheeded": self.unheeded,
             "two_nodes": self._nodes[0] if self._nodes else "",
@@ -154,8 +153,7 @@ class Guard:
 
     def has_rival_efforts(self, now_ns: int) -> bool:
         """Whether two publishers state the wheel forces, or may do so undetected: then one of them may be wrong."""
-        efforts = self._publishers[Kind.EFFORT]
-        return bool(efforts.contested(now_ns)) or efforts.unstamped(now_ns)
+        return self._publishers[Kind.EFFORT].contested(now_ns) is not None
 
     def _refuse_unstamped(self, kind: Kind) -> None:
         """Refuse a state without its sender's time stamp, because two such senders could not be distinguished."""
@@ -237,15 +235,14 @@ class Publishers:
         self._counted_ns = now_ns
         return True
 
-    def contested(self, now_ns: int) -> str:
-        """The two publishers that both measure now, so that neither can be trusted; else empty."""
+    def contested(self, now_ns: int) -> str | None:
+        """The two publishers that both measure now, so that neither can be trusted; None if there is only one.
+
+        The text is empty if measurements come without their sender's time stamp now, and thus maybe from two.
+        """
         if self._rival and _within(now_ns, self._rival_ns) and _within(now_ns, self._counted_ns):
             return f"{self._source or 'unnamed'} and {self._rival}"
-        return ""
-
-    def unstamped(self, now_ns: int) -> bool:
-        """Whether measurements come without their sender's time stamp now."""
-        return self._unstamped_ns is not None and _within(now_ns, self._unstamped_ns)
+        return "" if self._unstamped_ns is not None and _within(now_ns, self._unstamped_ns) else None
 
 
 class Operator:

@@ -158,11 +158,3 @@ class NodeSeen:
 
     source: str
     there: bool
-
-
-@dataclass(frozen=True, kw_only=True)
-class ClockSet:
-    """The clock that gives the cab its time was set by `step_s` (s; forwards > 0)."""
-
-    step_s: float
-    heard_ns: int = 0

@@ -25,6 +25,7 @@ from das.advice.planner import Planner
 from das.advice.worker import worker
 from das.cab.leg import LEAST_WAY_M, Leg
 from das.cab.situation import Situation, difference
+from das.domain.clocks import WALL_STOPWATCH
 from das.domain.errors import DasError, RunawayError, raise_interruption
 from das.domain.units import NS
 from das.solver import tolerances as tol
@@ -180,8 +181,8 @@ class _Prepared:
     """Place (m) after which the brakes hold the train, if a leg is refused for a descent; it is checked again there."""
     ready: bool = False
     search: Future[_Answer] | None = None
-    guide: Future[FoundGuide | str] | None = None
-    """The search for the guide's policies, after the search for the front; a text states why there are none."""
+    guide: Future[FoundGuide] | None = None
+    """The search for the guide's policies, after the search for the front."""
     failed_ns: int | None = None
     """Time of the last search that failed for an unforeseen reason; None if it did not."""
 
@@ -201,14 +202,13 @@ class Preparation:
     """Keeps the legs that are near prepared for the present situation.
 
     With `background`, searches for fronts run in a separate thread, and all work for the guide in another; otherwise
-    each is finished when the call returns, so that the advice depends on the messages alone. `stopwatch` gives seconds,
-    which go into `solve_s` only. Call `close` at the end.
+    each is finished when the call returns, so that the advice depends on the messages alone. Call `close` at the end.
     """
 
-    def __init__(
-        self, fronts: Fronts, stopwatch: Callable[[], float], *, background: bool, guide: bool = False
-    ) -> None:
-        self._fronts, self._stopwatch, self._guide = fronts, stopwatch, guide
+    def __init__(self, fronts: Fronts, *, background: bool, guide: bool = False) -> None:
+        self._fronts, self._guide = fronts, guide
+        self.stopwatch: Callable[[], float] = WALL_STOPWATCH if background else lambda: 0.0
+        """The clock (s) for durations that are reported; without a background, it always reads 0."""
         self.in_background = background
         """Whether searches run in a separate thread."""
         self._solver = worker("solve", background=background)
@@ -254,9 +254,9 @@ class Preparation:
 
         In the background the search for the guide's policies continues: the front alone suffices for advice.
         """
-        began = self._stopwatch()
+        began = self.stopwatch()
         self._fronts.find(section)
-        self.solve_s = self._stopwatch() - began
+        self.solve_s = self.stopwatch() - began
         if self._guide:
             guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section))
             if not self.in_background:
@@ -300,7 +300,7 @@ class Preparation:
         if one.search is not None and one.search.done():
             self._take(leg, one, one.search.result(), now_ns)
         if one.guide is not None and one.guide.done():
-            self._take_guide(leg, one, one.guide.result())
+            self._take_guide(leg, one, one.guide)
 
     def _take(self, leg: Leg, one: _Prepared, answer: _Answer, now_ns: int) -> None:
         """Use the result of a search, or keep the reason why the search failed."""
@@ -321,14 +321,15 @@ class Preparation:
         self._news.append(News(f"{leg.start.name} – {leg.end.name}: solved" + (f" ({why})" if why else "")))
         if self._guide:
             s_m = _place_m(leg)
-            one.guide = self.guide_worker.submit(lambda: self._search_guide(section, s_m))
+            one.guide = self.guide_worker.submit(lambda: self._fronts.find_guide(section, s_m))
 
-    def _take_guide(self, leg: Leg, one: _Prepared, answer: FoundGuide | str) -> None:
-        """Let the guide use the policies found; without any, the leg continues without a guide."""
+    def _take_guide(self, leg: Leg, one: _Prepared, search: Future[FoundGuide]) -> None:
+        """Let the guide use the policies found; after any error, the leg continues without a guide."""
         one.guide = None
-        if isinstance(answer, str):
-            self._news.append(News(f"no guide: {answer}", True))
+        if error := search.exception():
+            self._news.append(News(f"no guide: {_why_failed(error)}", True))
             return
+        answer = search.result()
         self._news += [News(note, True) for note in answer.notes]
         if answer.front.references is not None:
             self._news.append(News(f"{leg.start.name} – {leg.end.name}: references from a table"))
@@ -339,7 +340,7 @@ class Preparation:
 
         Any error becomes part of the answer.
         """
-        began = self._stopwatch()
+        began = self.stopwatch()
         found, passing, refusal, failed = None, None, "", False
         try:
             found = self._fronts.find(section, s_m)
@@ -347,17 +348,10 @@ class Preparation:
                 passing = self._fronts.find_guide(found.section, s_m).front
         except Exception as error:  # A thread must not end unnoticed: withdrawing the advice is better.
             refusal, failed = _why_failed(error), not isinstance(error, DasError)
-        return _Answer(found, passing, refusal, failed, self._stopwatch() - began)
-
-    def _search_guide(self, section: Section, s_m: float) -> FoundGuide | str:
-        """Search for the policies of a section; after an error, return its text."""
-        try:
-            return self._fronts.find_guide(section, s_m)
-        except Exception as error:  # Advice without a guide is better than a thread that ends unnoticed.
-            return _why_failed(error)
+        return _Answer(found, passing, refusal, failed, self.stopwatch() - began)
 
 
-def _why_failed(error: Exception) -> str:
+def _why_failed(error: BaseException) -> str:
     """The reason for a failed search; KeyboardInterrupt is raised again."""
     raise_interruption(error)
     return str(error) if isinstance(error, DasError) else f"solving failed ({type(error).__name__}: {error})"

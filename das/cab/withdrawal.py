@@ -20,10 +20,9 @@ LOST_BEYOND_M: Final = 500.0
 class Trust:
     """Reasons for the cab to distrust its messages on any leg; by default there are none."""
 
-    two_publishers: str = ""
-    """The two publishers of the train's position; empty if there is only one."""
-    unstamped: bool = False
-    """Whether positions come without their sender's time stamp, so that two senders cannot be distinguished."""
+    two_publishers: str | None = None
+    """The two publishers of the train's position; None if there is only one; empty if positions come without their
+    sender's time stamp, so that two senders cannot be distinguished."""
     two_operators: str = ""
     """The two publishers that state different restrictions; empty if they agree."""
     unheeded: str | None = None
@@ -74,7 +73,7 @@ def decide(
 
 
 def _distrust(trust: Trust) -> Withdrawal | None:
-    if trust.two_publishers or trust.unstamped:
+    if trust.two_publishers is not None:
         return Withdrawal(Cause.TWO_PUBLISHERS, trust.two_publishers)
     if trust.two_operators:
         return Withdrawal(Cause.TWO_OPERATORS, trust.two_operators)

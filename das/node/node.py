@@ -9,7 +9,7 @@ from das.bus import codec
 from das.bus.session import Bus
 from das.bus.topics import CONTROL, JOURNEY, RESTRICTION, STATUS, TARGET, Received
 from das.cab.cab import Cab
-from das.cab.heard import ClockSet, Kind, NodeSeen, PublisherSeen
+from das.cab.heard import Kind, NodeSeen, PublisherSeen
 from das.cab.outputs import Event, NodeState, Output, Status
 from das.command_line.printing import say
 from das.domain.clocks import WALL, Clocks
@@ -130,7 +130,7 @@ class Node:
         """Report to the cab that the clock was set, and which publishers (or other nodes of the train) came or went."""
         now_ns = self.clock.judged_at_ns()
         if step_s := self.clock.set_by_s():
-            self.publish(self.cab.hear(ClockSet(step_s=step_s, heard_ns=now_ns)))
+            self.publish(self.cab.set_clock(step_s, now_ns))
         for one in self.bus.presences():
             if one.topic is STATUS:
                 self.publish(self.cab.hear(NodeSeen(source=one.source, there=one.there)))

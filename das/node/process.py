@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from das.bus.config import bus_options
 from das.bus.session import Bus, check_endpoint
 from das.bus.topics import CONTROL, DELAY, EFFORT, JOURNEY, POSITION, RESTRICTION, STATUS, TARGET
-from das.cab.cab import Cab, CabSettings, no_stopwatch, warm_up
+from das.cab.cab import Cab, CabSettings, warm_up
 from das.cab.orders import Post, Trains
 from das.cab.outputs import NodeState
 from das.cab.preparation import Fronts
@@ -21,7 +21,7 @@ from das.command_line.options import NODE_ENDPOINT
 from das.command_line.printing import loading_solver, say
 from das.command_line.process import StopFlag
 from das.domain.braking import SiteBraking
-from das.domain.clocks import MONOTONIC_S, WALL_STOPWATCH
+from das.domain.clocks import MONOTONIC_S
 from das.domain.errors import DasError
 from das.domain.files.vehicles import read_loss_map
 from das.domain.route import section_stops
@@ -61,7 +61,6 @@ class CabPlan:
 def plan_cab(options: NodeOptions) -> CabPlan:
     """Read the files named in the options. Raises DasError for anything unusable."""
     line, driven, advice = options.line, options.driven, options.advice
-    by_wall = advice.clock is ClockKind.WALL
     if advice.tables is not None and not advice.guide:
         raise DasError(f"--tables {advice.tables}: tables have the guide's departures: expected no --no-guide")
     route = load_route(line.route)
@@ -92,9 +91,8 @@ def plan_cab(options: NodeOptions) -> CabPlan:
             advice_period_s=1.0 / advice.rate,
             no_restrictions=advice.no_restrictions,
             calibrate=advice.calibrate,
-            background=by_wall,
+            background=advice.clock is ClockKind.WALL,
             guide=advice.guide,
-            stopwatch=WALL_STOPWATCH if by_wall else no_stopwatch,
         ),
         stops_m=[x.position_m for x in route.stops if start.position_m <= x.position_m <= end.position_m],
     )

@@ -25,7 +25,7 @@ from das.solver.section import Section, SectionOptions, build_section
 from das.solver.solution import Fit, Solution
 from das.solver.solve import solve_front
 from das.solver.state import State
-from das.table import Table, facts_of, key_of, section_facts, table_content, table_name
+from das.table import Table, facts_of, key_of, table_content, table_name
 
 FINE = replace(DEFAULT, line_mps=0.5 * DEFAULT.line_mps, ladder_ratio=1.015, kept_bytes=300_000_000)
 """Settings with which references are solved: twice as many speeds and prices of time as on board, and more memory."""
@@ -92,7 +92,7 @@ def make_table(section: Section, settings: TableSettings, *, threads: int = 1) -
     """Solve a section; returns the content of its table. Raises InfeasibleError if the section cannot be driven."""
     found = front_facts(section, settings, threads=threads)
     references = finished_references(section, threads=threads)
-    return table_content(section_facts(section), key_of(section, DEFAULT), found, references)
+    return table_content(section, found, references)
 
 
 def front_facts(section: Section, settings: TableSettings, *, threads: int = 1) -> dict[str, Any]:

@@ -41,7 +41,6 @@ from das.bus.topics import (
     Topic,
     message_time_ns,
 )
-from das.cab.cab import no_stopwatch
 from das.cab.outputs import NodeState, Output
 from das.command_line.application import single_command
 from das.command_line.printing import Progressed
@@ -190,7 +189,7 @@ class Rehearing:
 
     def __init__(self, options: NodeOptions) -> None:
         plan = plan_cab(options)
-        self.plan = replace(plan, settings=replace(plan.settings, background=False, stopwatch=no_stopwatch))
+        self.plan = replace(plan, settings=replace(plan.settings, background=False))
         """The plan of the cab, of which a new one is made at every start of the node."""
         self.by_bus_clock = options.advice.clock is ClockKind.BUS
         self.said: list[Said] = []

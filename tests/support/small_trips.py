@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -56,7 +55,7 @@ class SmallTrip:
     """The legs and the train's position: a cab without its guard and its reports."""
 
     def __init__(self, situation: Situation, fronts: Fronts, *, background: bool = False, guide: bool = False) -> None:
-        self.preparation = Preparation(fronts, time.perf_counter, background=background, guide=guide)
+        self.preparation = Preparation(fronts, background=background, guide=guide)
         self.legs = Legs(situation, self.preparation)
         self.localisation = believing(situation.vehicle)
         self.set_restrictions, self.set_targets = self.legs.set_restrictions, self.legs.set_targets

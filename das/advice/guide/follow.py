@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.braking import AT_MARK_M, LEAST_MPS2, NeededBrake
+from das.advice.braking import AT_MARK_M, LEAST_MPS2, Floats, NeededBrake
 from das.advice.guide.guard import (
     LESS_RATIO,
     STEP_RATIO,
@@ -19,7 +18,6 @@ from das.advice.guide.guard import (
     begins_s,
     braked,
     rate_mps2,
-    slows,
     stepped,
 )
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold, traction
@@ -44,8 +42,6 @@ BRIEF_S, GAINS_S = 30.0, 2.5
 """An acceleration that ends within `BRIEF_S` (s) at a brake must gain at least `GAINS_S` (s), because drivers gain less
 than forecast. A brake for the stop is released for at least `BRIEF_S`, except when even the smallest effort brakes too
 much."""
-
-Floats = NDArray[np.float64]
 
 
 def advanced(scene: Sight, memory: Memory) -> Memory:
@@ -118,7 +114,8 @@ def _holding(scene: Sight, memory: Memory, step: GuideStep) -> tuple[Proposal, M
         rolls_long = -scene.rolls_mps2 * ROLLS_BACK_S < away_mps
         if rolls_long or ahead.is_due(state.braked_m, state.v_mps, BRAKES_BACK_S):
             effort = ahead.effort_of(away_mps / BRAKES_BACK_S, state.s_m, state.v_mps)
-            back = brake(stepped(min(effort, 1.0) if slows(ahead, 1.0, state) else effort), to_mps)
+            motors_slow = rate_mps2(ahead, 1.0, state) > LEAST_MPS2  # On a steep descent, the motors alone may not.
+            back = brake(stepped(min(effort, 1.0) if motors_slow else effort), to_mps)
         return Proposal(back, mode=Lead.BACK_DOWN), replace(memory, mode=Lead.BACK_DOWN, back=back)
     goes_on = memory.shown.mode is Regime.COAST and away_mps > SAME_MPS and scene.rolls_mps2 < 0.0
     return Proposal(coast(to_mps) if goes_on else hold(to_mps)), memory

@@ -7,10 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.advice.advice import Instruction
-from das.advice.braking import AT_MARK_M, BACK_IN_S, BRAKED_MORE, LEAST_MPS2, BrakingAhead, NeededBrake
+from das.advice.braking import AT_MARK_M, BACK_IN_S, BRAKED_MORE, LEAST_MPS2, BrakingAhead, Floats, NeededBrake
 from das.advice.goal import SpeedsAllowed, TrainState
 from das.advice.guide.memory import Lead, Memory, brake, coast, hold
 from das.advice.guide.timeline import OFF_MPS, SAME_MPS, GuideStep
@@ -37,7 +36,6 @@ LACKS_RATIO = 0.05
 LESS_RATIO = 0.5
 """Least ratio of needed to shown or planned effort with which a brake stays: drivers ease the brake themselves."""
 SAME_EFFORT = 1e-3
-Floats = NDArray[np.float64]
 
 
 class Sight(NamedTuple):
@@ -309,17 +307,8 @@ def stepped(effort: float) -> float:
 
 def rate_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
     """The deceleration (m/s²) of the train here with an effort, at least `LEAST_MPS2`."""
-    return max(_slows_mps2(ahead, effort, state), LEAST_MPS2)
-
-
-def slows(ahead: BrakingAhead, effort: float, state: TrainState) -> bool:
-    """Whether an effort slows the train here: on a steep descent, the motors alone may not."""
-    return _slows_mps2(ahead, effort, state) > LEAST_MPS2
-
-
-def _slows_mps2(ahead: BrakingAhead, effort: float, state: TrainState) -> float:
     braked_mps2 = -ahead.force_n(effort, state.s_m, state.v_mps) / ahead.section.train.inertial_mass_kg
-    return braked_mps2 - ahead.rolls_mps2(state.s_m, state.v_mps)
+    return max(braked_mps2 - ahead.rolls_mps2(state.s_m, state.v_mps), LEAST_MPS2)
 
 
 def way_m(ahead: BrakingAhead, effort: float, to_mps: float, state: TrainState) -> float:

@@ -8,10 +8,9 @@ from dataclasses import replace
 from itertools import takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
 from das.advice.advice import Guidance, Instruction, Replan, ReplanCause
-from das.advice.braking import BrakingAhead
+from das.advice.braking import BrakingAhead, Floats
 from das.advice.goal import Goal, SpeedsAllowed, TrainState
 from das.advice.guide.drift import Drift
 from das.advice.guide.keeping import LEAST_AGE_S, Keeper, Kept
@@ -29,7 +28,6 @@ from das.solver.guide.policies import LEAST_MPS, GuideFront
 from das.solver.guide.schedule import PhaseKind, Schedule
 from das.solver.section import Section
 
-Floats = NDArray[np.float64]
 NEAR_M = 4000.0
 """The distance (m) within which the reason names the limit or stop that an instruction leads to."""
 BESIDE_M = 100.0

@@ -11,7 +11,6 @@ from das.advice.advice import Replan, ReplanCause
 from das.advice.goal import AT_STOP_M, Goal, PassingTarget, TrainState
 from das.advice.guide.drift import Drift, UsualLoss
 from das.advice.guide.planning import KEPT_S, Wanted, departing, planned
-from das.advice.guide.timeline import COAST_LEAD_S
 from das.advice.worker import AT_ONCE
 from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
@@ -202,7 +201,7 @@ class Keeper:
         if doubted:
             self._doubted_ns = state.now_ns
             if kept is not None:
-                wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast), shown_s=COAST_LEAD_S)
+                wanted = replace(wanted, kept=(kept.reference.schedule, kept.forecast))
         ready = departing(front, wanted)
         worker = self._worker if ready is None else AT_ONCE
         return _Asked(cause, doubted, state, goal, worker.submit(lambda: ready or planned(front, wanted)))

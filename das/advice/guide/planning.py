@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from das.advice.goal import AT_STOP_M
+from das.advice.guide.timeline import COAST_LEAD_S
 from das.domain.errors import DasError
 from das.domain.journey import ANY_TIME, Window
 from das.solver.guide.from_run import said_of, scheduled_run
@@ -27,8 +28,8 @@ class Wanted:
     """The requirements on a reference: the train's state, the time left to the end (s), and a point with its window.
 
     The arrival is earlier by as much of `reserve_s` as costs no more than `GuideFront.dearest`. `window` counts from
-    now. `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`; a phase that begins within
-    `shown_s` is already shown. `told` is the phase that the train is in.
+    now. `kept` is a reference, with its forecast, to be kept for the next `KEPT_S`. `told` is the phase that the train
+    is in.
     """
 
     s_m: float
@@ -38,7 +39,6 @@ class Wanted:
     point_m: float | None = None
     window: Window = ANY_TIME
     kept: tuple[Schedule, Prospect] | None = None
-    shown_s: float = 0.0
     told: Phase | None = None
 
 
@@ -87,7 +87,7 @@ def _less_reserve_s(wanted: Wanted, dearest_s: float) -> float:
 def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect) -> Scheduled:
     """The schedule that meets the requirements and keeps another one for the next `KEPT_S`."""
     times_s, at_m = forecast.times_s, forecast.at_m
-    number = _kept_until(kept, forecast, wanted.shown_s)
+    number = _kept_until(kept, forecast)
     if number >= len(times_s) - 1:
         return planned(front, replace(wanted, kept=None))
     node, after_s = number + len(kept.section.node_m) - len(times_s), float(times_s[number])
@@ -100,10 +100,10 @@ def _later(front: GuideFront, wanted: Wanted, kept: Schedule, forecast: Prospect
     return Scheduled(*_joined(kept, rest.schedule, node, wanted), rest.lambda_w)
 
 
-def _kept_until(kept: Schedule, forecast: Prospect, shown_s: float) -> int:
+def _kept_until(kept: Schedule, forecast: Prospect) -> int:
     """The node up to which a schedule is kept: `KEPT_S` from now, or where a phase begins that is not shown yet."""
     begins_s = [forecast.passes_s(kept.begin_m(k)) for k in range(1, len(kept.phases))]
-    until_s = min((one for one in begins_s if shown_s < one < KEPT_S), default=KEPT_S)
+    until_s = min((one for one in begins_s if COAST_LEAD_S < one < KEPT_S), default=KEPT_S)
     return int(np.searchsorted(forecast.times_s, until_s))
 
 

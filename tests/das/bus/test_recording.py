@@ -10,7 +10,7 @@ import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from das.bus import das_pb2, topics
-from das.bus.recording import columns, read_recording
+from das.bus.recording import read_recording
 from das.domain.errors import DasError, InputError
 from tests.support.recordings import SECONDS, at_ns, position_m, write_messages, write_recording
 
@@ -45,10 +45,8 @@ def test_columns(whole: Path) -> None:
     assert position["time_ns"][1] == at_ns(1)
     assert position["log_time_ns"][1] == at_ns(1) + 1_000_000
     assert recording.columns(topics.ADVICE, "reason")["reason"][200]["text"] == "position invalid"
-    empty = columns((), das_pb2.Truth, ("s_m", "time_ns"))
-    assert (empty["s_m"].dtype, empty["time_ns"].dtype, len(empty["s_m"])) == (np.float64, np.int64, 0)
-    with pytest.raises(KeyError):
-        columns((), das_pb2.Truth, ("nothing",))
+    empty = recording.columns(topics.EFFORT, "force_el_n", "time_ns")
+    assert (empty["force_el_n"].dtype, empty["time_ns"].dtype, len(empty["time_ns"])) == (np.float64, np.int64, 0)
 
 
 def test_a_topic_is_given_by_its_name_and_without_fields_all_are_told(whole: Path) -> None:

@@ -26,14 +26,14 @@ def test_moderation_lets_few_through_and_counts_those_held_back() -> None:
 def test_a_second_publisher_of_the_position_is_not_heard_until_the_first_is_silent() -> None:
     publishers = Publishers()
     assert publishers.counts("a", NOW_NS)
-    assert publishers.contested(NOW_NS) == ""
+    assert publishers.contested(NOW_NS) is None
     assert not publishers.counts("b", NOW_NS + S)
     assert publishers.counts("a", NOW_NS + 2 * S)
     assert publishers.contested(NOW_NS + 2 * S) == "a and b"
-    assert publishers.contested(NOW_NS + 4 * S + 1) == ""  # the rival has gone
+    assert publishers.contested(NOW_NS + 4 * S + 1) is None  # the rival has gone
     assert not publishers.counts("b", NOW_NS + 5 * S)  # the first was heard at 2 s
     assert publishers.counts("b", NOW_NS + 5 * S + 1)  # now it has gone
-    assert publishers.contested(NOW_NS + 5 * S + 1) == ""
+    assert publishers.contested(NOW_NS + 5 * S + 1) is None
 
 
 def journey(time_ns: int, now_ns: int, stops: int = 2, name: str = "A") -> JourneyHeard:

@@ -16,7 +16,7 @@ from das.solver.guide.references import Finished, References, lateness_s
 from das.solver.guide.schedule import Phase, PhaseKind, Scheduled
 from das.solver.section import Section
 from das.solver.state import least_time_s
-from das.table import METHOD, Table, key_of, section_facts, table_content
+from das.table import METHOD, Table, table_content
 from precompute.tables.writing import LONGEST_RATIO
 
 EXPECTED = (
@@ -59,7 +59,7 @@ def test_a_schedule_comes_back_from_a_table_bit_for_bit(made: Path, section: Sec
     table = Table.read(made)
     found = {"settings": table.settings, "least_time_s": table.least_time_s, "front": table.front}
     path = tmp_path / "table.json"
-    path.write_bytes(table_content(section_facts(section), key_of(section, DEFAULT), found, References([kept])))
+    path.write_bytes(table_content(section, found, References([kept])))
     again = departing(served(path, section), asked)
     assert again is not None
     assert again.finished

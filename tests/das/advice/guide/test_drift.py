@@ -155,7 +155,7 @@ def test_what_is_known_of_a_driver_goes_with_him_to_the_next_section_and_ends_wi
     timetables = [Timetable(departure_ns=ns(a), arrival_ns=ns(b)) for a, b in times]
     vehicle = load_vehicle("re460-ic")
     situation = Situation(route=load_route("zurich-luzern"), vehicle=vehicle, level=vehicle.default_level)
-    legs = Legs(situation, Preparation(Fronts(), lambda: 0.0, background=False, guide=True))
+    legs = Legs(situation, Preparation(Fronts(), background=False, guide=True))
     order = Order(stops=stops, timetables=tuple(timetables), vehicle=vehicle, level=None)
     legs.begin(order)
     drifts = [leg.guide.drift for leg in legs.legs if leg.guide is not None]
