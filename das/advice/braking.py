@@ -18,7 +18,7 @@ from das.advice import kernels
 from das.advice.regimes import FULL_RATIO, Regime
 from das.solver.kernels.forces import traction_limit
 from das.solver.kernels.tuples import TrainParams
-from das.solver.section import Section, all_brakes, braking_curve, service_of
+from das.solver.section import Section, braking_curve, service_of
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class BrakingAhead:
     def __init__(self, section: Section) -> None:
         self.section = section
         # The brake policy may exclude the friction brake from plans; a train that is too fast uses it all the same.
-        self._train = all_brakes(section.vehicle, section.train)
+        self._train = section.train._replace(friction_force_n=section.vehicle.friction_brake_force_n)
         self._envelope_mps = envelope = _curves_mps(section, self._train)
         self._planned_w = envelope**2
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)

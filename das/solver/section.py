@@ -293,11 +293,6 @@ def service_of(
     return limit, ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
 
 
-def all_brakes(vehicle: Vehicle, train: TrainParams) -> TrainParams:
-    """The train with its friction brake, which the brake policy may exclude from plans."""
-    return train._replace(friction_force_n=vehicle.friction_brake_force_n)
-
-
 def braking_curve(
     profile: LineProfile, limit_mps: Floats, end_speed_mps: float, trains: tuple[TrainParams, TrainParams],
     service: ServiceParams,
@@ -358,7 +353,11 @@ class _Task:
         start_speed_mps, end_speed_mps = self.options.start_speed_mps, self.options.end_speed_mps
         if end_speed_mps > profile.limit_mps[-1]:
             raise InfeasibleError(f"{source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, all_brakes(self.vehicle, train))
+        # As in the last word: a friction brake that plans exclude counts up to the service deceleration.
+        service_n = self.vehicle.service_brake.deceleration_mps2 * train.inertial_mass_kg
+        friction_n = max(train.friction_force_n, min(self.vehicle.friction_brake_force_n, service_n))
+        off = train._replace(friction_force_n=friction_n)
+        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, off)
         if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
             raise InfeasibleError(
                 f"{source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"

@@ -227,12 +227,14 @@ def _in_service(v, resisting, p, service):
     of the brake force.
 
     A brake with a delay of t needs the distance D(v) + (v − u)·t to slow down to u, where D is the distance without
-    delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v).
+    delay. Per unit of speed this is v/a + t, so the deceleration is 1/(1/a + t/v). On a descent that accelerates the
+    train by b, it brakes from v + b·t after the delay, so the deceleration is 1/(1/a + (1 + b/a)·t/v).
     """
     share_n = service.force_share * brake_limit(v, p, service.friction_force_n)
     rate = min(largest_loss(v, resisting, p, p.friction_force_n), (share_n + resisting) / p.inertial_mass_kg)
     rate = min(rate, service.deceleration_mps2)
-    return rate / (1.0 + rate * service.delay_s / max(v, SLOW_MPS)) if rate > 0.0 else rate
+    gain = max(-resisting, 0.0) / p.inertial_mass_kg
+    return rate / (1.0 + (rate + gain) * service.delay_s / max(v, SLOW_MPS)) if rate > 0.0 else rate
 
 
 @kernel

@@ -55,6 +55,17 @@ def test_a_driver_who_brakes_as_late_as_planned_stops_within_metres(v_mps: float
     assert needs_m - distance_m(section, v_mps) <= 0.5 * SLOW_MPS * BRAKING.delay_s + 0.3
 
 
+@pytest.mark.parametrize("v_mps", [8.0, 20.0, 39.0])
+def test_on_a_descent_the_train_gains_speed_before_its_brakes_act(v_mps: float) -> None:
+    """It runs on for the delay, gains b·t, and brakes from there as in service."""
+    route = make_route(6000.0, [(0.0, 40.0)], [(0.0, -0.012)])
+    section = build_section(route, strong_train(), options=SectionOptions(braking=BRAKING))
+    delay_s, gain_mps2 = BRAKING.delay_s, 0.012 * 9.80665
+    needs_m = v_mps * delay_s + 0.5 * gain_mps2 * delay_s**2 + (v_mps + gain_mps2 * delay_s) ** 2 / (2 * RATE_MPS2)
+    late_m = needs_m - distance_m(section, v_mps)
+    assert -0.3 <= late_m <= 0.5 * SLOW_MPS * delay_s * (1.0 + gain_mps2 / RATE_MPS2) + 1.0
+
+
 def test_a_lower_limit_holds_before_its_place_and_longer_than_the_train() -> None:
     """The deviation of the position: 8 m before it, and 8 m behind its end."""
     section = planned([(0.0, 30.0), (2000.0, 20.0), (3000.0, 30.0)])
