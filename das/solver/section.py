@@ -353,21 +353,22 @@ class _Task:
         start_speed_mps, end_speed_mps = self.options.start_speed_mps, self.options.end_speed_mps
         if end_speed_mps > profile.limit_mps[-1]:
             raise InfeasibleError(f"{source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
+        planned = allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES)
         # As in the last word: a friction brake that plans exclude counts up to the service deceleration.
         service_n = self.vehicle.service_brake.deceleration_mps2 * train.inertial_mass_kg
-        friction_n = max(train.friction_force_n, min(self.vehicle.friction_brake_force_n, service_n))
-        off = train._replace(friction_force_n=friction_n)
-        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, off)
+        friction_n = min(self.vehicle.friction_brake_force_n, service_n)
+        if friction_n > train.friction_force_n and (profile.supply < 0).any():
+            off = train._replace(friction_force_n=friction_n)
+            allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, off)
         if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
             raise InfeasibleError(
                 f"{source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
             )
         floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
-        envelope, braking = allowed, self.options.braking
-        if braking is not None:
-            # The speed required for hills ahead takes priority over the brake reserve.
+        if (braking := self.options.braking) is not None:
             planned = self._braked(profile, *service_of(profile, self.route, self.vehicle, self.length_m, braking))
-            envelope = np.minimum(np.maximum(planned, floor), allowed)
+        # The speed required for hills ahead takes priority over the brake reserve.
+        envelope = np.minimum(np.maximum(planned, floor), allowed)
         fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
         if stuck >= 0:
             place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
