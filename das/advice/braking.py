@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from das.advice import kernels
 from das.advice.regimes import FULL_RATIO, Regime
 from das.solver.kernels.forces import traction_limit
-from das.solver.kernels.tuples import TrainParams
-from das.solver.section import Section, braking_curve, service_of
+from das.solver.section import Section, without_motors
 
 Floats = NDArray[np.float64]
 
@@ -69,13 +68,13 @@ class _Foot(NamedTuple):
 
 
 class BrakingAhead:
-    """The braking that the limits and the stop ahead need; the section's envelope contains the braking curves."""
+    """The braking that the limits and the stop ahead need; `Section.guarded_mps` contains the braking curves."""
 
     def __init__(self, section: Section) -> None:
         self.section = section
         # The brake policy may exclude the friction brake from plans; a train that is too fast uses it all the same.
         self._train = section.train._replace(friction_force_n=section.vehicle.friction_brake_force_n)
-        self._envelope_mps = envelope = _curves_mps(section, self._train)
+        envelope = section.guarded_mps
         self._planned_w = envelope**2
         self._falls = np.append(envelope[1:] < envelope[:-1] - LEVEL_MPS, False)
         feet = np.flatnonzero(np.append(False, self._falls[:-1]) & ~self._falls)
@@ -126,7 +125,7 @@ class BrakingAhead:
     def curve_begins_m(self, s_m: float, speeds_mps: Floats) -> float:
         """The place (m) where a train with these speeds at the nodes ahead meets a braking curve (else the last node
         but one); if the train is above the curve here, the speeds are first reduced by that excess."""
-        nodes, envelope, first = self.section.node_m, self._envelope_mps, len(self._planned_w) - len(speeds_mps)
+        nodes, envelope, first = self.section.node_m, self.section.guarded_mps, len(self._planned_w) - len(speeds_mps)
         here_mps = self.lowest_mps(s_m)
         above_mps = max(float(speeds_mps[0]) - here_mps, 0.0)
         reached = int(kernels.meets_curve(above_mps, SPEED_SLACK_MPS, speeds_mps, envelope, self._planned_w))
@@ -227,10 +226,10 @@ class BrakingAhead:
 
     def full(self, s_m: float, v_mps: float) -> float:
         """The effort of full braking here, as used for the curve of the highest allowed speeds."""
-        section, v = self.section, max(v_mps, 0.1)
-        train = section.train
+        section, v, supply = self.section, max(v_mps, 0.1), self._supply(s_m)
+        train = section.train if supply >= 0.0 else without_motors(section.vehicle, section.train)
         slowed_n = train.max_deceleration_mps2 * train.inertial_mass_kg - section.resistance_n(s_m, v)
-        full_n = min(float(kernels.most_braked(v, self._supply(s_m), train)), max(slowed_n, 0.0))
+        full_n = min(float(kernels.most_braked(v, supply, train)), max(slowed_n, 0.0))
         return float(min(full_n / float(kernels.full_effort(v, self._train)), self.largest(s_m, v)))
 
     def force_n(self, effort: float, s_m: float, v_mps: float) -> float:
@@ -262,15 +261,6 @@ class BrakingAhead:
 
     def _supply(self, s_m: float) -> float:
         return float(self.section.supply[kernels.interval(self.section.node_m, s_m)])
-
-
-def _curves_mps(section: Section, train: TrainParams) -> Floats:
-    """The section's envelope, with the braking curves of a friction brake where the motors have none."""
-    if section.braking is None or section.has_brake.all():
-        return section.envelope_mps
-    limit_mps, service = service_of(section, section.route, section.vehicle, section.train_length_m, section.braking)
-    curve, _ = braking_curve(section, limit_mps, section.end_speed_mps, (section.train, train), service)
-    return np.maximum(section.envelope_mps, curve)
 
 
 def _demanded(section: Section) -> Iterator[tuple[float, float]]:

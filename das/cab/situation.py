@@ -74,14 +74,16 @@ class Situation:
         if careful == self.conditions:
             return section
         braked = self._section(careful, start_m, end_m)
-        allowed_w, lower_w = (
+        allowed_w, lower_w, guarded_w = (
             np.interp(section.node_m, braked.node_m, speeds_mps**2)
-            for speeds_mps in (braked.allowed_mps, braked.envelope_mps)
+            for speeds_mps in (braked.allowed_mps, braked.envelope_mps, braked.guarded_mps)
         )
         bounded = capped(section, np.sqrt(lower_w))
         if np.any(bounded.envelope_mps**2 > allowed_w + SAME_W):
             raise DasError("a hill would have to be taken faster than the brakes of the train as planned allow")
-        return replace(bounded, allowed_mps=np.minimum(section.allowed_mps, np.sqrt(allowed_w)))
+        guarded = np.maximum(np.minimum(section.guarded_mps, np.sqrt(guarded_w)), bounded.envelope_mps)
+        allowed = np.minimum(section.allowed_mps, np.sqrt(allowed_w))
+        return replace(bounded, guarded_mps=guarded, allowed_mps=allowed)
 
     def section_ahead(self, start_m: float, end_m: float, s_m: float) -> Section:
         """A section for a train that has come as far as `s_m` (m); raises as `build_section` does.

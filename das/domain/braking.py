@@ -21,8 +21,9 @@ class ServiceBraking:
     """The braking used to plan advice; full braking remains in reserve.
 
     A train that follows the plan stops in time with its service deceleration even if it begins to brake `reaction_s`
-    late and its brakes take `build_up_s` to act fully. For a lower limit, the reserve is this delay times the speed
-    difference. On every descent the plan needs at most `SERVICE_SHARE` of the brake force.
+    late and its brakes take `build_up_s` to act fully, while a descent accelerates it. For a lower limit, the reserve
+    is this delay times the speed difference. On every descent the plan needs at most `SERVICE_SHARE` of the brake
+    force.
     """
 
     deceleration_mps2: float

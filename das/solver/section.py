@@ -49,9 +49,10 @@ class Section(Summary, LineProfile):
 
     The line profile has the integration nodes. `allowed_mps` (per node) is the highest speed from which full braking
     still keeps all limits and the end speed. `envelope_mps` is the highest planned speed, which is lower only if the
-    section is planned with a service `braking`. `floor_mps` is the lowest speed from which the end speed can still be
-    reached (usually 0). `train_length_m` is 0 for a point mass. `decision` holds the indices of the decision nodes
-    among the integration nodes.
+    section is planned with a service `braking`, or where plans have no brake because the motors have none. There,
+    `guarded_mps` is the braking curve of the friction brake that plans exclude; elsewhere it is the envelope.
+    `floor_mps` is the lowest speed from which the end speed can still be reached (usually 0). `train_length_m` is 0 for
+    a point mass. `decision` holds the indices of the decision nodes among the integration nodes.
     """
 
     route: Route
@@ -63,6 +64,7 @@ class Section(Summary, LineProfile):
     end_speed_mps: float
     floor_mps: Floats
     envelope_mps: Floats
+    guarded_mps: Floats
     allowed_mps: Floats
     decision: NDArray[np.int64]
     braking: ServiceBraking | None = None
@@ -231,6 +233,7 @@ def build_section(
         end_speed_mps=options.end_speed_mps,
         floor_mps=bounds.floor_mps,
         envelope_mps=bounds.envelope_mps,
+        guarded_mps=bounds.guarded_mps,
         allowed_mps=bounds.allowed_mps,
         decision=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
         braking=options.braking,
@@ -274,44 +277,19 @@ def capped(section: Section, cap_mps: ArrayLike) -> Section:
     `cap_mps` is one speed, or one for each integration node. The envelope remains at or above the floor: a train on it
     can still climb every hill ahead.
     """
-    cap = np.maximum(np.minimum(section.envelope_mps, cap_mps), section.floor_mps)
-    return replace(section, envelope_mps=cap)
+    envelope, guarded = (
+        np.maximum(np.minimum(speeds_mps, cap_mps), section.floor_mps)
+        for speeds_mps in (section.envelope_mps, section.guarded_mps)
+    )
+    return replace(section, envelope_mps=envelope, guarded_mps=guarded)
 
 
-def service_of(
-    profile: LineProfile, route: Route, vehicle: Vehicle, length_m: float, braking: ServiceBraking
-) -> tuple[Floats, ServiceParams]:
-    """The limits (m/s) of the intervals that service braking keeps, and the braking as the kernels take it.
-
-    A limit also counts where the train may be within the extent of the limit by the error of its position.
-    """
-    node_m, beside_m = profile.node_m, braking.deviation_m
-    limit = route.limits_mps.minimum(node_m[:-1] - length_m - beside_m, node_m[1:] + beside_m)
-    limit = np.minimum(limit, profile.limit_mps)
-    limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
-    friction_n = float(vehicle.friction_brake_force_n)
-    return limit, ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
-
-
-def braking_curve(
-    profile: LineProfile, limit_mps: Floats, end_speed_mps: float, trains: tuple[TrainParams, TrainParams],
-    service: ServiceParams,
-) -> tuple[Floats, int]:  # fmt: skip
-    """The highest speeds (m/s) at the nodes from which a braking keeps the limits of the intervals and the end speed.
-
-    The second of the `trains` is the train where the line does not accept the power of an electric brake. Returns also
-    the first interval, from the end, in which the brakes cannot hold the train, or -1.
-    """
-    edges = [0, *(np.flatnonzero(np.diff(profile.supply < 0)) + 1).tolist(), len(limit_mps)]
-    speeds = np.append(np.zeros(len(limit_mps)), end_speed_mps)
-    for first, last in reversed(list(pairwise(edges))):
-        part = LineArrays(*(one[first:last] for one in profile.for_kernels))
-        train = trains[int(profile.supply[first] < 0)]
-        found, stuck = braking_envelope(part, limit_mps[first:last], speeds[last], train, service)
-        speeds[first : last + 1] = found
-        if stuck >= 0:
-            return speeds, first + stuck
-    return speeds, -1
+def without_motors(vehicle: Vehicle, train: TrainParams) -> TrainParams:
+    """The train where its motors have no brake; a friction brake that plans exclude counts there, but builds up slowly,
+    so only up to the service deceleration (as in the last word)."""
+    service_n = vehicle.service_brake.deceleration_mps2 * train.inertial_mass_kg
+    friction_n = max(train.friction_force_n, min(vehicle.friction_brake_force_n, service_n))
+    return train._replace(friction_force_n=friction_n)
 
 
 class _Bounds(NamedTuple):
@@ -319,6 +297,7 @@ class _Bounds(NamedTuple):
 
     floor_mps: Floats
     envelope_mps: Floats
+    guarded_mps: Floats
     allowed_mps: Floats
     fastest_mps: Floats
 
@@ -353,22 +332,23 @@ class _Task:
         start_speed_mps, end_speed_mps = self.options.start_speed_mps, self.options.end_speed_mps
         if end_speed_mps > profile.limit_mps[-1]:
             raise InfeasibleError(f"{source}: an end at {end_speed_mps / KMH:.1f} km/h is above the limit")
-        planned = allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES)
-        # As in the last word: a friction brake that plans exclude counts up to the service deceleration.
-        service_n = self.vehicle.service_brake.deceleration_mps2 * train.inertial_mass_kg
-        friction_n = min(self.vehicle.friction_brake_force_n, service_n)
-        if friction_n > train.friction_force_n and (profile.supply < 0).any():
-            off = train._replace(friction_force_n=friction_n)
-            allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, off)
-        if start_speed_mps > allowed[0] + tol.SPEED_TOLERANCE_MPS:
+        off = without_motors(self.vehicle, train)
+        excluded = off.friction_force_n > train.friction_force_n and bool((profile.supply < 0).any())
+        planned = self._braked(profile, profile.limit_mps, FULL_BRAKES, train)
+        allowed = self._braked(profile, profile.limit_mps, FULL_BRAKES, off) if excluded else planned
+        if start_speed_mps > planned[0] + tol.SPEED_TOLERANCE_MPS:
             raise InfeasibleError(
                 f"{source}: a start at {start_speed_mps / KMH:.1f} km/h is above the limit or too fast to brake"
             )
         floor = climbing_floor(line, allowed, tol.CREST_MPS, train)
-        if (braking := self.options.braking) is not None:
-            planned = self._braked(profile, *service_of(profile, self.route, self.vehicle, self.length_m, braking))
+        limits_mps, service = profile.limit_mps, FULL_BRAKES
+        if self.options.braking is not None:
+            limits_mps, service = self._service(profile, self.options.braking)
+            planned = self._braked(profile, limits_mps, service, train)
         # The speed required for hills ahead takes priority over the brake reserve.
-        envelope = np.minimum(np.maximum(planned, floor), allowed)
+        envelope = guarded = np.minimum(np.maximum(planned, floor), allowed)
+        if excluded:
+            guarded = np.minimum(np.maximum(self._braked(profile, limits_mps, service, off), envelope), allowed)
         fastest, stuck = fastest_run(line, envelope, min(start_speed_mps, envelope[0]), train)
         if stuck >= 0:
             place = f"{1e3 * profile.grade_ratio[stuck]:.1f} ‰"
@@ -379,19 +359,36 @@ class _Task:
             raise InfeasibleError(
                 f"{source}: the train ends at {fastest[-1] / KMH:.1f} km/h, expected {end_speed_mps / KMH:.1f} km/h"
             )
-        return _Bounds(floor, envelope, allowed, fastest)
+        return _Bounds(floor, envelope, guarded, allowed, fastest)
 
-    def _braked(
-        self, profile: LineProfile, limit_mps: Floats, service: ServiceParams, without_motors: TrainParams | None = None
-    ) -> Floats:
-        """The highest speeds (m/s) from which a braking keeps these limits and the end speed (see `braking_curve`).
+    def _service(self, profile: LineProfile, braking: ServiceBraking) -> tuple[Floats, ServiceParams]:
+        """The limits (m/s) of the intervals that service braking keeps, and the braking as the kernels take it.
 
-        Raises RunawayError if the brakes cannot hold the train on a descent.
+        A limit also counts where the train may be within the extent of the limit by the error of its position.
         """
-        trains = self.train, without_motors or self.train
-        speeds, stuck = braking_curve(profile, limit_mps, self.options.end_speed_mps, trains, service)
-        if stuck >= 0:
-            raise self._runs_away(profile, stuck, float(speeds[stuck + 1]), service)
+        node_m, beside_m = profile.node_m, braking.deviation_m
+        limit = self.route.limits_mps.minimum(node_m[:-1] - self.length_m - beside_m, node_m[1:] + beside_m)
+        limit = np.minimum(limit, profile.limit_mps)
+        limit = np.maximum(limit - braking.below_limit_mps, np.minimum(limit, tol.SLOWEST_LIMIT_MPS))
+        friction_n = float(self.vehicle.friction_brake_force_n)
+        return limit, ServiceParams(braking.deceleration_mps2, braking.delay_s, SERVICE_SHARE, friction_n)
+
+    def _braked(self, profile: LineProfile, limit_mps: Floats, service: ServiceParams, off: TrainParams) -> Floats:
+        """The highest speeds (m/s) from which a braking keeps these limits and the end speed.
+
+        `off` is the train where the motors have no brake. Raises RunawayError if the brakes cannot hold the train on a
+        descent.
+        """
+        without = profile.supply < 0
+        edges = [0, *(np.flatnonzero(np.diff(without)) + 1).tolist(), len(limit_mps)]
+        speeds = np.full(len(limit_mps) + 1, self.options.end_speed_mps)
+        for first, last in reversed(list(pairwise(edges))):
+            part = LineArrays(*(one[first:last] for one in profile.for_kernels))
+            train = off if without[first] else self.train
+            found, stuck = braking_envelope(part, limit_mps[first:last], speeds[last], train, service)
+            if stuck >= 0:
+                raise self._runs_away(profile, first + stuck, float(found[stuck + 1]), service)
+            speeds[first : last + 1] = found
         return speeds
 
     def _runs_away(self, profile: LineProfile, i: int, v_mps: float, service: ServiceParams) -> RunawayError:

@@ -41,7 +41,8 @@ def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     for begin, end in zip(begins, [*begins[1:], len(said)], strict=True):
         one = _phase(front, run, int(said[begin]), (begin, end), first)
         before = phases[-1] if phases else None
-        brief = end < len(said) and off[end] and run.speeds_mps[begin] < run.speeds_mps[end] + NEAR_MPS
+        rolls_on = end < len(said) and said[end] % CODE == ROLLS and not section.has_brake[first + end]
+        brief = rolls_on and run.speeds_mps[begin] < run.speeds_mps[end] + NEAR_MPS
         coasts = one.kind is PhaseKind.COAST or (one.kind is PhaseKind.BRAKE and brief)
         if before is not None and before.kind is PhaseKind.COAST and coasts:
             phases[-1] = before._replace(target_mps=one.target_mps)

@@ -197,6 +197,21 @@ def test_a_train_without_motor_brakes_brakes_with_friction_late_instead_of_coast
     brake_n = min(train.friction_brake_force_n, 0.7 * inertia_kg)
     way_m = inertia_kg * (30.0**2 - 25.0**2) / (2.0 * (brake_n + float(train.resistance.force_n(27.5))))
     assert ahead.allowed_mps(3900.0 - 5.0 - way_m) == pytest.approx(30.0, abs=0.1)
+    assert -ahead.force_n(ahead.full(3500.0, 27.5), 3500.0, 27.5) == pytest.approx(brake_n, rel=1e-3)
+
+
+def test_the_curve_of_the_friction_brake_is_nowhere_above_full_braking() -> None:
+    """Nor does a train without any brake in plans get a speed that plans would not have allowed."""
+    route = make_route(END_M, [(0.0, 35.0), (3900.0, 25.0)], grades=[(0.0, -0.015)])
+    route = replace(route, no_regeneration=(Zone(start_m=2000.0, length_m=1900.0),))
+    train = replace(TRAIN, brake_policy=BrakePolicy.ELECTRIC)
+    section = build_section(route, train, options=SectionOptions(braking=USUAL.of(train), point_mass=True))
+    assert (section.guarded_mps <= section.allowed_mps).all()
+    assert (section.guarded_mps >= section.envelope_mps).all()
+    assert (section.guarded_mps > section.envelope_mps + 1.0).any()
+    bare = replace(train, friction_brake_force_n=0.0)
+    without = build_section(route, bare, options=SectionOptions(braking=USUAL.of(bare), point_mass=True))
+    assert np.array_equal(without.guarded_mps, without.envelope_mps)
 
 
 def test_no_motors_brake_where_the_line_takes_no_power() -> None:
