@@ -30,9 +30,9 @@ class Budget(NamedTuple):
 
 
 BUDGETS = {
-    "das": Budget(26_752, 139),
+    "das": Budget(26_680, 139),
     "precompute": Budget(10_521, 47),
-    "sim": Budget(35_592, 150),
+    "sim": Budget(35_591, 150),
     "docs/studies": Budget(6_204, 37),
 }
 """What each package may come to: what it is now, rounded up. A commit that takes away lowers it."""
