@@ -26,9 +26,9 @@ HELD_S = 10.0
 def scheduled_run(front: GuideFront, run: GuideRun) -> Scheduled:
     """The schedule of a run: its instructions as phases, the trajectory that keeps to them, and its forecast.
 
-    Intervals covered by a single instruction are one phase: continued coasting, even with a brake that hardly slows the
-    train before it has none, and a short hold after accelerating.
-    Raises InfeasibleError if the train stalls.
+    Intervals covered by a single instruction are one phase: a short hold after accelerating, and continued coasting,
+    also across a brake that hardly slows the train before a stretch without brakes. Raises InfeasibleError if the train
+    stalls.
     """
     state, section = run.state, front.section
     first = len(section.step_m) - len(state.step_m)
